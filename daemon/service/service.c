@@ -256,6 +256,11 @@ bool service_is_building(const struct service *service)
     return service->flights.running > 0;
 }
 
+bool service_has_deadlines(const struct service *service)
+{
+    return service->with_deadline > 0;
+}
+
 void service_count_connections(struct service *service, uint32_t open)
 {
     service->connections = open;

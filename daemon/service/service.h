@@ -70,6 +70,9 @@ struct pool *service_pool(struct service *service);
 /* Returns whether workers build anything, so that there is progress to report. */
 bool service_is_building(const struct service *service);
 
+/* Returns whether requests have deadlines that have to be checked. */
+bool service_has_deadlines(const struct service *service);
+
 /* Sets the number of open connections, for the counters. */
 void service_count_connections(struct service *service, uint32_t open);
 

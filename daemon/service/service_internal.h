@@ -63,6 +63,7 @@ struct service {
     struct session_totals sessions;
     uint32_t connections;
     uint32_t cache_tasks; /* trims and clears of the disk that are with a worker */
+    uint32_t with_deadline; /* requests that have one */
     bool draining;
 };
 

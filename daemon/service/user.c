@@ -124,6 +124,17 @@ void user_give(struct user_member *member, enum share_kind kind, uint64_t amount
     member->users->freed = true;
 }
 
+uint64_t user_promise(struct user_member *member, uint32_t divisor)
+{
+    struct user *user = member->user;
+    user->promised -= member->promised;
+    uint64_t room = share_room(&user->share, SHARE_RESULTS);
+    uint64_t left = room > user->promised ? room - user->promised : 0;
+    member->promised = divisor > 0 ? left / divisor + 1 : 0;
+    user->promised += member->promised;
+    return member->promised;
+}
+
 void users_review(struct users *users)
 {
     if (!users->freed)

@@ -24,6 +24,7 @@ struct user {
     struct share share;
     struct memory_turns preparing, building;
     struct pool_flow *flow; /* around the flows of its members */
+    uint64_t promised; /* bytes of results that its members may hold */
 };
 
 /* A connection's side of its user. It is a member of its owner's struct; zeroed means that it belongs to none. */
@@ -34,6 +35,7 @@ struct user_member {
     struct memory_lanes preparing, building;
     struct pool_flow *flow;
     struct list_link held_link; /* in users->held, while its lanes for preparing are held */
+    uint64_t promised; /* bytes of results that its client may hold */
 };
 
 struct users {
@@ -65,6 +67,13 @@ bool user_fits(const struct user_member *member, enum share_kind kind, uint64_t 
  */
 void user_take(struct user_member *member, enum share_kind kind, uint64_t amount);
 void user_give(struct user_member *member, enum share_kind kind, uint64_t amount);
+
+/*
+ * Promises a member that its client may hold results: the part 1 / `divisor` of what the user has room for beside what
+ * was promised to its other members, which is returned, and is not 0. So however many connections a user has, what they
+ * may hold does not keep the user from more. A divisor of 0 takes the promise back, and returns 0.
+ */
+uint64_t user_promise(struct user_member *member, uint32_t divisor);
 
 /* Decides again about a member that gets something to do. */
 void user_review(struct user_member *member);

@@ -268,13 +268,18 @@ static void withdraw(struct item *item)
     }
 }
 
-void item_cancel(struct item *item)
+void item_withdraw(struct item *item, const struct bvhd_error *error)
 {
-    struct bvhd_error error;
     if (item->state == ITEM_LEAVING || item->state == ITEM_ANSWERED)
         return;
     withdraw(item);
     item_service(item)->counters.cancelled++;
+    answer_error(item, error);
+}
+
+void item_cancel(struct item *item)
+{
+    struct bvhd_error error;
     bvhd_error_set(&error, BVHD_CANCELLED, "", "cancelled");
-    answer_error(item, &error);
+    item_withdraw(item, &error);
 }

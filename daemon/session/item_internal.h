@@ -32,6 +32,9 @@ void item_enter(struct item *item, enum item_state state);
  */
 void item_report(const struct item *item, const struct control_result *result);
 
+/* Cancels an item, in whatever state it is, and answers it with the error unless it has its result. */
+void item_withdraw(struct item *item, const struct bvhd_error *error);
+
 /* Answers an item with an error. No worker may still use its preparation. */
 void item_fail(struct item *item, const struct bvhd_error *error);
 

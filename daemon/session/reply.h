@@ -37,6 +37,12 @@ struct reply *reply_result(uint64_t request, const struct control_result *result
 /* Makes an ERROR. Returns NULL without memory. */
 struct reply *reply_error(uint64_t request, const struct bvhd_error *error, struct memory *memory);
 
+/* The bytes of a reply in memory, without a result. */
+static inline uint64_t reply_size(const struct reply *reply)
+{
+    return sizeof *reply + reply->header.control_size;
+}
+
 /* Frees the frame and drops its reference to the blob. `reply` may be NULL. */
 void reply_destroy(struct reply *reply);
 

@@ -38,6 +38,16 @@ void request_cancel(struct request *request)
     request_settle(request);
 }
 
+void request_expire(struct request *request)
+{
+    struct bvhd_error error;
+    bvhd_error_set(&error, BVHD_CANCELLED, "deadline", "no result within %u ms, the deadline of the request",
+                   request->deadline_ms);
+    for (uint32_t i = 0; i < request->count; i++)
+        item_withdraw(&request->items[i], &error);
+    request_settle(request);
+}
+
 /* ---- reports of prepared payloads ---- */
 
 void item_note_prepared(struct item *item)
@@ -108,6 +118,8 @@ struct request *request_create(struct request_client *client, const struct reque
     request->priority = head->priority;
     request->is_build = head->is_build;
     request->arrived_ns = clock_ns();
+    request->deadline_ms = head->deadline_ms;
+    request->deadline_ns = head->deadline_ms > 0 ? request->arrived_ns + (uint64_t)head->deadline_ms * 1000000 : 0;
     request->count = request->open = head->count;
     request->unreported = request->unprepared = head->is_build ? head->count : 0;
     request->report.run = report_prepared;

@@ -84,7 +84,8 @@ struct request {
     uint64_t number;
     int priority; /* PRIORITY_ */
     bool is_build;
-    uint64_t arrived_ns;
+    uint64_t arrived_ns, deadline_ns; /* by the clock of clock_ns; a deadline of 0: none */
+    uint32_t deadline_ms; /* as the client gave it */
     struct handle_entry *destinations; /* the handles that its items build into, sorted; for VUID 03407 */
     uint32_t destination_count;
     uint32_t open; /* items that are not ANSWERED */
@@ -105,6 +106,7 @@ struct request_head {
     int priority;
     bool is_build;
     uint32_t count; /* of items */
+    uint32_t deadline_ms; /* from now; 0: none */
 };
 
 /*
@@ -130,6 +132,9 @@ void item_cancel(struct item *item);
 
 /* Cancels all items. May free the request. */
 void request_cancel(struct request *request);
+
+/* Cancels all items, because the request's deadline has passed: their results say so. May free the request. */
+void request_expire(struct request *request);
 
 /*
  * Frees the request if it has nothing left to do or to report. The caller calls it once after any number of calls of

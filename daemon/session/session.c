@@ -35,10 +35,12 @@ void session_fail(struct session *session)
 
 void session_send(struct session *session, struct reply *reply)
 {
-    if (reply)
-        session->link.send(session->link.context, reply);
-    else
+    if (!reply) {
         session_fail(session);
+        return;
+    }
+    user_take(&session->client.member, SHARE_REPLIES, reply_size(reply));
+    session->link.send(session->link.context, reply);
 }
 
 void session_send_plain(struct session *session, enum frame_type type, uint64_t request)
@@ -123,6 +125,15 @@ static void destroy(struct session *session)
     memory_free(&service->memory, session);
 }
 
+/* Counts requests with a deadline, so that they are looked at while there are any. */
+static void note_deadline(struct session *session, const struct request *request, int by)
+{
+    if (request->deadline_ns == 0)
+        return;
+    session->with_deadline += (uint32_t)by;
+    session->service->with_deadline += (uint32_t)by;
+}
+
 static void report_ended(struct request_client *client, struct request *request)
 {
     struct session *session = session_of(client);
@@ -132,6 +143,7 @@ static void report_ended(struct request_client *client, struct request *request)
     *at = request->next;
     session->request_count--;
     user_give(&client->member, SHARE_MEMFDS, request->attachments);
+    note_deadline(session, request, -1);
     if (session->closed && session->request_count == 0)
         destroy(session);
 }
@@ -162,6 +174,7 @@ void session_add(struct session *session, struct request *request)
     user_take(&session->client.member, SHARE_INLINE, request->inline_bytes);
     user_take(&session->client.member, SHARE_ITEMS, request->count);
     user_review(&session->client.member);
+    note_deadline(session, request, 1);
     service->counters.requests++;
     service->counters.items += request->count;
 }
@@ -193,6 +206,26 @@ bool session_admits(struct session *session, uint64_t request, uint32_t items)
     return false;
 }
 
+/* Cancelling may end requests, and with them remove them from their bucket: the search begins again after each. */
+static struct request *find_overdue(struct session *session, uint64_t now_ns)
+{
+    for (int i = 0; i < SESSION_BUCKETS; i++)
+        for (struct request *request = session->requests[i]; request; request = request->next)
+            if (request->deadline_ns > 0 && now_ns >= request->deadline_ns)
+                return request;
+    return NULL;
+}
+
+void session_check_deadlines(struct session *session, uint64_t now_ns)
+{
+    struct request *request;
+    while (session->with_deadline > 0 && (request = find_overdue(session, now_ns))) {
+        note_deadline(session, request, -1);
+        request->deadline_ns = 0;
+        request_expire(request);
+    }
+}
+
 /* ---- opening and closing ---- */
 
 enum bvhd_status session_open(struct service *service, const struct session_peer *peer, const struct session_link *link,
@@ -217,16 +250,15 @@ enum bvhd_status session_open(struct service *service, const struct session_peer
 void session_sent(struct session *session, const struct reply *reply)
 {
     user_give(&session->client.member, SHARE_ITEMS, reply->credits);
-    if (reply->blob && reply->header.descriptors == 0)
-        session_read(session, reply->blob->size);
+    user_give(&session->client.member, SHARE_REPLIES, reply_size(reply));
+    if (reply->blob && reply->header.descriptors == 0) {
+        session_take_result(session, reply->blob->size);
+        if (memory_queue_count(&session->service->preparing) > 0)
+            service_pump(session->service);
+    } else if (reply->blob && session->releases) {
+        session->held += reply->blob->size;
+    }
     session->progress_unsent -= reply->header.type == FRAME_PROGRESS;
-}
-
-void session_read(struct session *session, uint64_t bytes)
-{
-    session_take_result(session, bytes);
-    if (memory_queue_count(&session->service->preparing) > 0)
-        service_pump(session->service);
 }
 
 void session_goodbye(struct session *session)
@@ -248,6 +280,8 @@ static void give_back(struct session *session)
     struct user_member *member = &session->client.member;
     user_give(member, SHARE_ITEMS, session_uses(session, SHARE_ITEMS));
     user_give(member, SHARE_POOL, session_uses(session, SHARE_POOL));
+    user_give(member, SHARE_REPLIES, session_uses(session, SHARE_REPLIES));
+    user_promise(member, 0);
     session_take_result(session, session_uses(session, SHARE_RESULTS));
     session_cache_leave(session);
     service->sessions.open--;

@@ -54,6 +54,15 @@ void session_sent(struct session *session, const struct reply *reply);
  */
 void session_read(struct session *session, uint64_t bytes);
 
+/* Cancels the items of requests whose deadline has passed. To be called now and then while there are deadlines. */
+void session_check_deadlines(struct session *session, uint64_t now_ns);
+
+/*
+ * Returns whether replies that the client leaves unread, with those of its user's other connections, take more than the
+ * user's share: nothing more is read from the client until it has read them.
+ */
+bool session_is_talkative(const struct session *session);
+
 /* Returns whether results that the client has not read or released keep it, or others of its user, from more. */
 bool session_is_behind(const struct session *session);
 

@@ -107,7 +107,7 @@ static struct request *make_request(struct intake *intake)
 {
     const struct control_build *message = intake->message;
     struct request_head head = {intake->frame->header.request, clamp_priority(message->priority), true,
-                                message->item_count};
+                                message->item_count, message->deadline_ms};
     bool handles = has_destinations(message);
     if (handles && !check_batch(intake))
         return NULL;

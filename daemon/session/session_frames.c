@@ -13,6 +13,9 @@ void session_drop_descriptors(struct session *session, const struct frame *frame
     }
 }
 
+/* A connection may hold a part of what its user has room for and has not promised to other connections. */
+enum { HELD_DIVISOR = 8 };
+
 static uint32_t most_items(const struct service_options *options)
 {
     return options->credits < CONTROL_MAX_ITEMS ? options->credits : CONTROL_MAX_ITEMS;
@@ -30,6 +33,7 @@ static void welcome(struct session *session, uint64_t request)
         .max_inline = FRAME_MAX_INLINE,
         .max_pool = service->options.max_pool,
         .max_payload = service->options.memory,
+        .max_held = user_promise(&session->client.member, session->releases ? HELD_DIVISOR : 0),
     };
     struct bytes control;
     if (control_pack_welcome(&message, session_memory(session), &control, NULL) != BVHD_OK) {
@@ -52,6 +56,7 @@ static enum bvhd_status take_hello(struct session *session, const struct frame *
         log_event(LOG_DEBUG, "hello", PEER_FORMAT " software=%s", PEER_VALUES(&session->peer),
                   log_quote(hello->software).text);
         session->progress_ms = hello->progress_ms;
+        session->releases = hello->releases;
         memcpy(session->software, hello->software, sizeof session->software);
         welcome(session, frame->header.request);
     } else {
@@ -139,7 +144,7 @@ static enum bvhd_status take_pool(struct session *session, const struct frame *f
 
 static void get_keys(struct session *session, uint64_t number, const struct control_get *message)
 {
-    struct request_head head = {number, PRIORITY_NORMAL, false, message->key_count};
+    struct request_head head = {number, PRIORITY_NORMAL, false, message->key_count, 0};
     if (!session_admits(session, number, message->key_count))
         return;
     struct request *request = request_create(&session->client, &head);
@@ -189,6 +194,17 @@ static enum bvhd_status take_cancel(struct session *session, const struct frame 
     return status;
 }
 
+static enum bvhd_status take_released(struct session *session, const struct frame *frame, struct bvhd_error *error)
+{
+    struct control_released *message;
+    enum bvhd_status status = control_unpack_released(frame->control, session_memory(session), &message, error);
+    if (status != BVHD_OK)
+        return status;
+    status = session_release(session, message->bytes, error);
+    memory_free(session_memory(session), message);
+    return status;
+}
+
 static void take_stats(struct session *session, uint64_t request)
 {
     struct counters counters = service_counters(session->service);
@@ -223,7 +239,7 @@ static enum bvhd_status check_frame(const struct session *session, const struct 
         *error = session->failure;
     else if (!session->open && header->type != FRAME_HELLO)
         bvhd_error_set(error, BVHD_INVALID, "frame.type", "a frame of type %u before HELLO", header->type);
-    else if (header->request == 0 && header->type != FRAME_HELLO)
+    else if (header->request == 0 && header->type != FRAME_HELLO && header->type != FRAME_RELEASED)
         bvhd_error_set(error, BVHD_INVALID, "frame.request", "a request cannot have the number 0");
     else if (!may_carry(header))
         bvhd_error_set(error, BVHD_INVALID, "frame.descriptors", "%u descriptors came with a frame of type %u",
@@ -251,6 +267,8 @@ static enum bvhd_status dispatch(struct session *session, const struct frame *fr
         return take_cancel(session, frame, error);
     case FRAME_CACHE:
         return session_cache(session, frame, error);
+    case FRAME_RELEASED:
+        return take_released(session, frame, error);
     case FRAME_STATS:
         take_stats(session, request);
         return BVHD_OK;

@@ -34,6 +34,9 @@ struct session {
     uint32_t progress_ms; /* the shortest time between two reports of progress; 0: the client wants none */
     uint64_t progress_at; /* when the last one was made */
     uint32_t progress_unsent; /* PROGRESS frames that have not been sent or dropped */
+    bool releases; /* the client says when it does not hold results any more */
+    uint64_t held; /* bytes of results that were sent in descriptors to a client that releases, and are not released */
+    uint32_t with_deadline; /* requests that have one */
 };
 
 /* Returns what the session uses of its share: for SHARE_ITEMS, the credits that are in use. */
@@ -116,5 +119,8 @@ void session_cache_leave(struct session *session);
 /* Count a result when its reply is made, and when the client has read it. `bytes` is the blob's size. */
 void session_add_result(struct session *session, uint64_t bytes);
 void session_take_result(struct session *session, uint64_t bytes);
+
+/* FRAME_RELEASED. Fails with BVHD_INVALID if the client does not hold as much. */
+enum bvhd_status session_release(struct session *session, uint64_t bytes, struct bvhd_error *error);
 
 #endif

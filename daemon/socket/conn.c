@@ -140,7 +140,8 @@ static void fail(struct conn *conn, const struct bvhd_error *error)
 static bool is_queue_full(const struct conn *conn)
 {
     const struct conn_limits *limits = &conn->group->limits;
-    return conn->outbox.bytes >= limits->queue_bytes || conn->outbox.replies >= limits->queue_replies;
+    return conn->outbox.bytes >= limits->queue_bytes || conn->outbox.replies >= limits->queue_replies ||
+           (conn->outbox.replies > 0 && conn->session && session_is_talkative(conn->session));
 }
 
 static void take_frame(struct conn *conn, const struct frame *frame)

@@ -3,6 +3,7 @@
 
 #include <assert.h>
 
+#include "proto/base/clock.h"
 #include "proto/base/container_of.h"
 
 struct conn_limits conn_limits_default(void)
@@ -29,7 +30,7 @@ struct conn_limits conn_limits_default(void)
  */
 enum { COSTLY_NS = 300 * 1000, COSTLY_SHARE_NS = 2 * 1000 * 1000, LIGHT_NS = 50 * 1000, DUE_SHARE_NS = 1000 * 1000 };
 
-/* Between two looks at how far builds are. Sessions report as often as their clients want, but not more often. */
+/* Between two looks at deadlines, and at how far builds are, which sessions report as often as their clients want. */
 enum { PROGRESS_MS = 100 };
 
 static struct conn *member(struct list_link *link)
@@ -82,16 +83,20 @@ static void work(struct conn_group *group, struct conn *conn)
 static void report_progress(uv_timer_t *timer)
 {
     struct conn_group *group = timer->data;
-    for (struct list_link *link = group->all.first; link; link = link->next)
-        if (member(link)->session)
-            session_report_progress(member(link)->session, uv_now(group->loop));
+    uint64_t now_ns = clock_ns();
+    for (struct list_link *link = group->all.first; link; link = link->next) {
+        if (!member(link)->session)
+            continue;
+        session_check_deadlines(member(link)->session, now_ns);
+        session_report_progress(member(link)->session, uv_now(group->loop));
+    }
 }
 
-/* The timer stops with the last build, so that an idle daemon sleeps. */
+/* The timer stops with the last build and the last deadline, so that an idle daemon sleeps. */
 static void watch_builds(struct conn_group *group)
 {
-    bool is_building = service_is_building(group->service);
-    if (!is_building)
+    bool is_needed = service_is_building(group->service) || service_has_deadlines(group->service);
+    if (!is_needed)
         uv_timer_stop(&group->progress);
     else if (!uv_is_active((const uv_handle_t *)&group->progress))
         uv_timer_start(&group->progress, report_progress, PROGRESS_MS, PROGRESS_MS);

@@ -43,7 +43,7 @@ struct conn_group {
     void (*changed)(void *context);
     void *context;
     uv_prepare_t prepare; /* does the work, just before the loop waits */
-    uv_timer_t progress; /* runs while something is built, and has the sessions report it */
+    uv_timer_t progress; /* runs while something is built or has a deadline, for the sessions */
     uv_idle_t again; /* runs while work is left for the next iteration, so that the loop does not wait */
     struct list all;
     uint32_t count; /* of connections in `all` */

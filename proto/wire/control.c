@@ -13,6 +13,7 @@ enum bvhd_status control_pack_hello(const struct control_hello *hello, struct me
     message.version_max = hello->version_max;
     message.software = control_constant(hello->software);
     message.progress_ms = hello->progress_ms;
+    message.releases = hello->releases;
     return control_encode(&message.base, memory, ret_bytes, error);
 }
 
@@ -24,6 +25,7 @@ static void fill_hello(const void *from, void *ret_plain)
     hello->version_max = message->version_max;
     control_copy_text(message->software, sizeof hello->software, hello->software);
     hello->progress_ms = message->progress_ms;
+    hello->releases = message->releases != 0;
 }
 
 static const struct control_kind hello_kind = {"hello", &bvhd__hello__descriptor, sizeof(struct control_hello), NULL,
@@ -43,6 +45,7 @@ enum bvhd_status control_pack_welcome(const struct control_welcome *welcome, str
     message.max_inline = welcome->max_inline;
     message.max_pool = welcome->max_pool;
     message.max_payload = welcome->max_payload;
+    message.max_held = welcome->max_held;
     return control_encode(&message.base, memory, ret_bytes, error);
 }
 
@@ -58,11 +61,32 @@ static void fill_welcome(const void *from, void *ret_plain)
     welcome->max_inline = message->max_inline;
     welcome->max_pool = message->max_pool;
     welcome->max_payload = message->max_payload;
+    welcome->max_held = message->max_held;
 }
 
 static const struct control_kind welcome_kind = {"welcome", &bvhd__welcome__descriptor, sizeof(struct control_welcome),
                                                  NULL, fill_welcome};
 CONTROL_UNPACK(welcome, struct control_welcome)
+
+enum bvhd_status control_pack_released(const struct control_released *released, struct memory *memory,
+                                       struct bytes *ret_bytes, struct bvhd_error *error)
+{
+    Bvhd__Released message;
+    bvhd__released__init(&message);
+    message.bytes = released->bytes;
+    return control_encode(&message.base, memory, ret_bytes, error);
+}
+
+static void fill_released(const void *from, void *ret_plain)
+{
+    const Bvhd__Released *message = from;
+    struct control_released *released = ret_plain;
+    released->bytes = message->bytes;
+}
+
+static const struct control_kind released_kind = {"released", &bvhd__released__descriptor,
+                                                  sizeof(struct control_released), NULL, fill_released};
+CONTROL_UNPACK(released, struct control_released)
 
 enum bvhd_status control_pack_pool(const struct control_pool *pool, struct memory *memory, struct bytes *ret_bytes,
                                    struct bvhd_error *error)

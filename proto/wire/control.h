@@ -21,6 +21,8 @@
 #ifndef BVHD_CONTROL_H
 #define BVHD_CONTROL_H
 
+#include <stdbool.h>
+
 #include "proto/base/bytes.h"
 #include "proto/base/device_format.h"
 #include "proto/base/geometry.h"
@@ -45,6 +47,7 @@ struct control_hello {
     uint32_t version_min, version_max;
     char software[CONTROL_NAME_SIZE]; /* for logs: "libbvhd 0.1.0" */
     uint32_t progress_ms; /* how often the client wants PROGRESS of a request, at most; 0: never */
+    bool releases; /* the client sends RELEASED when it does not hold a result any more */
 };
 
 /*
@@ -59,6 +62,7 @@ struct control_welcome {
     uint32_t max_control, max_inline; /* bytes in one frame */
     uint64_t max_pool; /* bytes; 0: the daemon takes no pool */
     uint64_t max_payload; /* bytes in one item */
+    uint64_t max_held; /* bytes of results in descriptors that a client which sends RELEASED should hold at most */
 };
 
 /* FRAME_POOL: offers the client's pool, which is the frame's descriptor. */
@@ -97,6 +101,12 @@ struct control_build {
     uint64_t memfd_sizes[CONTROL_MAX_MEMFDS];
     uint32_t item_count;
     struct control_item *items;
+    uint32_t deadline_ms; /* after that time items without a result are cancelled; 0: never */
+};
+
+/* FRAME_RELEASED: the bytes of results that came in descriptors, and that the client does not hold any more. */
+struct control_released {
+    uint64_t bytes;
 };
 
 /* FRAME_GET: requests results by key. */
@@ -221,6 +231,7 @@ CONTROL_MESSAGE(hello, struct control_hello)
 CONTROL_MESSAGE(welcome, struct control_welcome)
 CONTROL_MESSAGE(pool, struct control_pool)
 CONTROL_MESSAGE(build, struct control_build)
+CONTROL_MESSAGE(released, struct control_released)
 CONTROL_MESSAGE(get, struct control_get)
 CONTROL_MESSAGE(items, struct control_items)
 CONTROL_MESSAGE(progress, struct control_progress)

@@ -104,6 +104,7 @@ enum bvhd_status control_pack_build(const struct control_build *build, struct me
     Bvhd__Build message;
     bvhd__build__init(&message);
     message.priority = build->priority;
+    message.deadline_ms = build->deadline_ms;
     message.n_memfd_sizes = build->memfd_count;
     message.memfd_sizes = control_constant(build->memfd_sizes);
     message.item_size = build->item_count > 0 ? sizeof *rows : 0;
@@ -153,6 +154,7 @@ static void fill_build(const void *from, void *ret_plain)
     const Bvhd__Build *message = from;
     struct control_build *build = ret_plain;
     build->priority = message->priority;
+    build->deadline_ms = message->deadline_ms;
     build->memfd_count = (uint32_t)message->n_memfd_sizes;
     for (uint32_t i = 0; i < build->memfd_count; i++)
         build->memfd_sizes[i] = message->memfd_sizes[i];

@@ -36,6 +36,7 @@ enum frame_type {
     FRAME_CANCEL = 5, /* cancels items of the request with the same number */
     FRAME_STATS = 6, /* requests the daemon's counters */
     FRAME_PING = 7, /* requests a sign of life */
+    FRAME_RELEASED = 8, /* the client does not hold some results any more */
     FRAME_CACHE = 9, /* shows, trims or clears the caches */
     FRAME_CLIENTS = 10, /* requests the list of the daemon's clients */
     FRAME_WELCOME = 64, /* answers HELLO; its layout never changes */

@@ -45,6 +45,12 @@ bool service_is_building(const struct service *service)
     return false;
 }
 
+bool service_has_deadlines(const struct service *service)
+{
+    (void)service;
+    return false;
+}
+
 enum bvhd_status session_open(struct service *service, const struct session_peer *peer, const struct session_link *link,
                               struct session **ret_session, struct bvhd_error *error)
 {
@@ -160,6 +166,17 @@ void session_sent(struct session *session, const struct reply *reply)
 void session_read(struct session *session, uint64_t bytes)
 {
     session->service->read_bytes += bytes;
+}
+
+void session_check_deadlines(struct session *session, uint64_t now_ns)
+{
+    (void)session;
+    (void)now_ns;
+}
+
+bool session_is_talkative(const struct session *session)
+{
+    return session->service->is_talkative;
 }
 
 bool session_is_behind(const struct session *session)

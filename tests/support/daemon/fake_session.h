@@ -27,7 +27,7 @@ struct fake_service {
     uint32_t frames, sent; /* frames received; replies that have been sent */
     uint64_t read_bytes; /* of results whose descriptors clients have read */
     bool refuse; /* session_open fails */
-    bool is_behind; /* the answer of session_is_behind */
+    bool is_behind, is_talkative; /* the answers of session_is_behind and session_is_talkative */
 };
 
 /* Initialises the service. Its limit of descriptors is the number that are free now. */

@@ -333,7 +333,7 @@ enum bvhd_status world_say(struct world_client *client, enum frame_type type, ui
                            struct bvhd_error *error)
 {
     struct frame frame = {.header = {.type = (uint16_t)type, .request = request}};
-    struct control_hello hello = {CONTROL_VERSION, CONTROL_VERSION, "a test", 250};
+    struct control_hello hello = {CONTROL_VERSION, CONTROL_VERSION, "a test", 250, false};
     enum bvhd_status packed = BVHD_OK;
     if (type == FRAME_HELLO)
         packed = control_pack_hello(&hello, &client->memory, &frame.control, NULL);

@@ -11,6 +11,7 @@ enum { MESSAGES_ITEMS = 5, MESSAGES_COUNTERS = 3, MESSAGES_CLIENTS = 2 };
 
 struct messages {
     struct control_hello hello;
+    struct control_released released;
     struct control_welcome welcome;
     struct control_pool pool;
     struct control_build build;
@@ -37,11 +38,13 @@ struct messages {
 static inline void messages_fill(struct messages *all)
 {
     memset(all, 0, sizeof *all);
-    all->hello = (struct control_hello){1, 7, "libbvhd 0.1.0", 200};
-    all->welcome =
-        (struct control_welcome){3, "bvhd 0.1.0", 64, 4096, 1 << 20, 1 << 16, UINT64_C(64) << 20, UINT64_MAX};
+    all->hello = (struct control_hello){1, 7, "libbvhd 0.1.0", 200, true};
+    all->welcome = (struct control_welcome){3,       "bvhd 0.1.0",       64,         4096,       1 << 20,
+                                            1 << 16, UINT64_C(64) << 20, UINT64_MAX, 12345678901};
+    all->released.bytes = UINT64_MAX - 5;
     all->pool.size = UINT64_C(1) << 40;
-    all->build = (struct control_build){PRIORITY_LOW, 3, {1, UINT64_MAX, 3}, MESSAGES_ITEMS, all->build_items};
+    all->build =
+        (struct control_build){PRIORITY_LOW, 3, {1, UINT64_MAX, 3}, MESSAGES_ITEMS, all->build_items, 4000000000};
     for (uint32_t i = 0; i < MESSAGES_ITEMS; i++) {
         uint32_t n = 100 * i;
         all->build_items[i] = (struct control_item){
@@ -127,6 +130,7 @@ struct messages_kind {
 MESSAGES_KIND(hello)
 MESSAGES_KIND(welcome)
 MESSAGES_KIND(pool)
+MESSAGES_KIND(released)
 MESSAGES_KIND(build)
 MESSAGES_KIND(get)
 MESSAGES_KIND(items)
@@ -148,7 +152,7 @@ static const struct messages_kind messages_kinds[] = {
     MESSAGES_ROW(hello),       MESSAGES_ROW(welcome), MESSAGES_ROW(pool),        MESSAGES_ROW(build),
     MESSAGES_ROW(get),         MESSAGES_ROW(items),   MESSAGES_ROW(progress),    MESSAGES_ROW(result),
     MESSAGES_ROW(error),       MESSAGES_ROW(busy),    MESSAGES_ROW(counters),    MESSAGES_ROW(clients),
-    MESSAGES_ROW(client_list), MESSAGES_ROW(cache),   MESSAGES_ROW(cache_state),
+    MESSAGES_ROW(client_list), MESSAGES_ROW(cache),   MESSAGES_ROW(cache_state), MESSAGES_ROW(released),
 };
 enum { MESSAGES_KINDS = sizeof messages_kinds / sizeof messages_kinds[0] };
 

@@ -27,7 +27,7 @@ static int tear_down(void **state)
 
 static enum bvhd_status say_hello(struct world_client *client, uint32_t least, uint32_t most, struct bvhd_error *error)
 {
-    struct control_hello hello = {least, most, "versions", 0};
+    struct control_hello hello = {least, most, "versions", 0, false};
     struct frame frame = {.header = {.type = FRAME_HELLO, .request = 5}};
     assert_int_equal(control_pack_hello(&hello, &client->memory, &frame.control, NULL), BVHD_OK);
     enum bvhd_status status = world_send(client, &frame, error);

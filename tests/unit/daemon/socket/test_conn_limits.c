@@ -47,7 +47,9 @@ static void test_descriptors_in_order(void **state)
         assert_int_equal(byte, (unsigned char)(1001 * 7));
         close(frame.descriptors[0]);
     }
-    bed_pump(&bed, 0);
+    for (int i = 0; bed.service.read_bytes < 50 * 2 * BLOB_INLINE_MAX && i < 400; i++)
+        bed_pump(&bed, 5); /* the kernel has no event for what a client has read */
+    assert_int_equal(bed.service.read_bytes, 50 * 2 * BLOB_INLINE_MAX);
     assert_int_equal(send_buffer(&bed), before);
     bed_close(&bed);
 }
@@ -78,6 +80,55 @@ static void test_stalled_with_descriptors(void **state)
     bed_pump(&bed, 100);
     assert_int_equal(bed.group.count, 1);
     assert_int_equal(bed.service.descriptors.unread, 0);
+    bed_close(&bed);
+}
+
+/*
+ * A client that leaves results unread, all of which were sent, may take its time, unless others of its user wait for
+ * the memory.
+ */
+static void test_unread_results_that_others_wait_for(void **state)
+{
+    struct bed bed;
+    struct conn_limits limits = conn_limits_default();
+    (void)state;
+    limits.stall_ms = 200;
+    limits.held_ms = 20;
+    bed_open(&bed, &limits);
+    struct bed_client *client = bed_connect(&bed, 1);
+    bed_hello(&bed, client);
+    bed_send(client, FRAME_GET, 2);
+    bed_pump(&bed, 300);
+    assert_int_equal(bed.service.closed, 0);
+    assert_int_equal(bed.service.read_bytes, 0);
+    bed.service.is_behind = true;
+    for (int i = 0; bed.service.closed == 0 && i < 100; i++)
+        bed_pump(&bed, 20);
+    assert_int_equal(bed.service.closed, 1);
+    bed_hang_up(client);
+    bed_pump(&bed, 100);
+    assert_int_equal(bed.service.descriptors.unread, 0);
+    bed_close(&bed);
+}
+
+/* A client is not read from while its replies exceed its user's share, until it has read them. */
+static void test_a_talkative_client_has_to_read(void **state)
+{
+    struct bed bed;
+    (void)state;
+    bed_open(&bed, NULL);
+    struct bed_client *client = bed_connect(&bed, 1);
+    bed_hello(&bed, client);
+    bed_send(client, FRAME_GET, 10); /* more than may be unread */
+    bed_pump(&bed, 20);
+    bed.service.is_talkative = true;
+    uint32_t frames = bed.service.frames;
+    bed_send(client, FRAME_PING, 100);
+    bed_pump(&bed, 50);
+    assert_int_equal(bed.service.frames, frames);
+    for (uint64_t i = 1; i <= 10; i++)
+        bed_expect(&bed, client, FRAME_RESULT, i);
+    bed_expect(&bed, client, FRAME_PONG, 100);
     bed_close(&bed);
 }
 
@@ -472,13 +523,22 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_refused_by_the_kernel), /* it forks, so it comes before tests that start threads */
-        cmocka_unit_test(test_descriptors_in_order),  cmocka_unit_test(test_stalled_with_descriptors),
-        cmocka_unit_test(test_reads_one_at_a_time),   cmocka_unit_test(test_waiting_is_quiet),
-        cmocka_unit_test(test_descriptors_of_all),    cmocka_unit_test(test_asks_and_never_reads),
-        cmocka_unit_test(test_reads_slowly),          cmocka_unit_test(test_unfinished_frame),
-        cmocka_unit_test(test_share_of_frames),       cmocka_unit_test(test_share_of_time),
-        cmocka_unit_test(test_costly_ones_come_last), cmocka_unit_test(test_short_of_descriptors),
-        cmocka_unit_test(test_short_of_memory),       cmocka_unit_test(test_idle_costs_nothing),
+        cmocka_unit_test(test_descriptors_in_order),
+        cmocka_unit_test(test_stalled_with_descriptors),
+        cmocka_unit_test(test_unread_results_that_others_wait_for),
+        cmocka_unit_test(test_a_talkative_client_has_to_read),
+        cmocka_unit_test(test_reads_one_at_a_time),
+        cmocka_unit_test(test_waiting_is_quiet),
+        cmocka_unit_test(test_descriptors_of_all),
+        cmocka_unit_test(test_asks_and_never_reads),
+        cmocka_unit_test(test_reads_slowly),
+        cmocka_unit_test(test_unfinished_frame),
+        cmocka_unit_test(test_share_of_frames),
+        cmocka_unit_test(test_share_of_time),
+        cmocka_unit_test(test_costly_ones_come_last),
+        cmocka_unit_test(test_short_of_descriptors),
+        cmocka_unit_test(test_short_of_memory),
+        cmocka_unit_test(test_idle_costs_nothing),
         cmocka_unit_test(test_closing_all),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -62,6 +62,7 @@ static void plain_messages_come_back(void **state)
     compare_plain("clients", &all.clients, sizeof all.clients);
     compare_plain("cache", &all.cache, sizeof all.cache);
     compare_plain("cache_state", &all.cache_state, sizeof all.cache_state);
+    compare_plain("released", &all.released, sizeof all.released);
 }
 
 static void builds_come_back(void **state)
@@ -72,6 +73,7 @@ static void builds_come_back(void **state)
         all.build.priority = priority == 3 ? INT32_MIN : priority;
         struct control_build *back = there_and_back("build", &all.build);
         assert_int_equal(back->priority, all.build.priority);
+        assert_int_equal(back->deadline_ms, all.build.deadline_ms);
         assert_int_equal(back->memfd_count, 3);
         assert_memory_equal(back->memfd_sizes, all.build.memfd_sizes, sizeof all.build.memfd_sizes);
         assert_int_equal(back->item_count, MESSAGES_ITEMS);

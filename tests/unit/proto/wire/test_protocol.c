@@ -98,7 +98,7 @@ static void compare(const char *title, const unsigned char *bytes, size_t size)
 static void the_hello_is_what_is_sent(void **state)
 {
     (void)state;
-    struct control_hello hello = {CONTROL_VERSION, CONTROL_VERSION, "demo 1", 0};
+    struct control_hello hello = {CONTROL_VERSION, CONTROL_VERSION, "demo 1", 0, false};
     struct bytes control;
     unsigned char frame[MOST];
     assert_int_equal(control_pack_hello(&hello, &memory, &control, NULL), BVHD_OK);
@@ -164,6 +164,7 @@ static void numbers_are_those_of_the_headers(void **state)
                  {FRAME_PROGRESS, "PROGRESS"},
                  {FRAME_CLIENTS, "CLIENTS"},
                  {FRAME_CLIENT_LIST, "CLIENT_LIST"},
+                 {FRAME_RELEASED, "RELEASED"},
                  {FRAME_CACHE, "CACHE"},
                  {FRAME_CACHE_STATE, "CACHE_STATE"}};
     char line[100];

@@ -12,7 +12,7 @@ static const ProtobufCMessageDescriptor *const messages[] = {
     &bvhd__progress__descriptor,    &bvhd__error__descriptor,       &bvhd__result__descriptor,
     &bvhd__busy__descriptor,        &bvhd__counter__descriptor,     &bvhd__counters__descriptor,
     &bvhd__clients__descriptor,     &bvhd__client_list__descriptor, &bvhd__cache__descriptor,
-    &bvhd__cache_state__descriptor,
+    &bvhd__cache_state__descriptor, &bvhd__released__descriptor,
 };
 enum { MESSAGES = sizeof messages / sizeof messages[0], DEEPEST = 2, LINE = 100 };
 
@@ -25,6 +25,7 @@ static const char *const fields[] = {
     "Hello.version_max 2 uint32",
     "Hello.software 3 string",
     "Hello.progress_ms 4 uint32",
+    "Hello.releases 5 uint32",
     "Welcome.version 1 uint32",
     "Welcome.software 2 string",
     "Welcome.credits 3 uint32",
@@ -33,11 +34,13 @@ static const char *const fields[] = {
     "Welcome.max_inline 6 uint32",
     "Welcome.max_pool 7 uint64",
     "Welcome.max_payload 8 uint64",
+    "Welcome.max_held 9 uint64",
     "Pool.size 1 uint64",
     "Build.priority 1 sint32",
     "Build.memfd_sizes 2 repeated fixed64",
     "Build.item_size 3 uint32",
     "Build.items 4 bytes",
+    "Build.deadline_ms 5 uint32",
     "Get.keys 1 bytes",
     "Items.items 1 repeated fixed32",
     "Progress.items 1 repeated fixed32",
@@ -78,6 +81,7 @@ static const char *const fields[] = {
     "Counter.value 2 uint64",
     "Counters.counters 1 repeated Counter",
     "Counters.version 2 string",
+    "Released.bytes 1 uint64",
     "Clients.all 1 uint32",
     "ClientList.client_size 1 uint32",
     "ClientList.clients 2 bytes",
