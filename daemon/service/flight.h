@@ -2,15 +2,15 @@
 /*
  * flight.h - in-flight builds, by key: equal structures that several clients ask for at the same time are built once.
  *
- * Where results are kept on disk, a flight first looks its key up there. If the disk has no result, the flight waits for
- * memory, then for threads; it is then built, and completes: its blob goes to the cache and to every waiter. Waiters may
- * join at any time before the completion, and leave at any time. When the last one leaves, the lookup or build is told
- * to stop, and its key is free for a new flight at once, so nobody inherits a cancellation. A flight goes on in the turn
- * of the client that is served earliest among those that wait for it. A build that ran short of memory beside others is
- * tried again, alone (admission.h). For the loop thread only.
+ * Where results are kept on disk, a flight first looks its key up there. If the disk has no result, the flight waits
+ * for memory, then for threads; it is then built, and completes: its blob goes to the cache and to every waiter.
+ * Waiters may join at any time before the completion, and leave at any time. When the last one leaves, the lookup or
+ * build is told to stop, and its key is free for a new flight at once, so nobody inherits a cancellation. A flight goes
+ * on in the turn of the client that is served earliest among those that wait for it. A build that ran short of memory
+ * beside others is tried again, alone (admission.h). For the loop thread only.
  *
- * A flight that GET has started has nothing to build: unless an item of BUILD joins it, it ends with BVHD_NOT_FOUND when
- * the disk has no result.
+ * A flight that GET has started has nothing to build: unless an item of BUILD joins it, it ends with BVHD_NOT_FOUND
+ * when the disk has no result.
  */
 #ifndef BVHD_FLIGHT_H
 #define BVHD_FLIGHT_H

@@ -246,9 +246,14 @@ static void gate_done(struct pool_job *job)
 
 struct world_gate *world_shut(struct session_world *world)
 {
+    return world_shut_for(world, world->service->disposals.flow);
+}
+
+struct world_gate *world_shut_for(struct session_world *world, struct pool_flow *flow)
+{
     assert_true(world->gate_count < WORLD_GATES);
     struct world_gate *gate = &world->gates[world->gate_count++];
-    gate->job = (struct pool_job){.run = gate_run, .done = gate_done, .flow = world->service->disposals.flow};
+    gate->job = (struct pool_job){.run = gate_run, .done = gate_done, .flow = flow};
     sem_init(&gate->opened, 0, 0);
     pool_submit(world->service->pool, &gate->job);
     while (!atomic_load(&gate->running))

@@ -81,6 +81,8 @@ void world_settle(struct session_world *world);
 
 /* Occupies one worker until world_open, and returns when it is occupied. */
 struct world_gate *world_shut(struct session_world *world);
+/* The worker's time counts for that flow. */
+struct world_gate *world_shut_for(struct session_world *world, struct pool_flow *flow);
 /* Releases the worker. */
 void world_open(struct world_gate *gate);
 
