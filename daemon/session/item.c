@@ -14,7 +14,7 @@
 /* The states that may follow each state. */
 static const unsigned may_follow[ITEM_STATES] = {
     [ITEM_NEW] = STATE(WAITING) | STATE(JOINED) | STATE(ANSWERED),
-    [ITEM_WAITING] = STATE(PREPARING) | STATE(ANSWERED),
+    [ITEM_WAITING] = STATE(PREPARING) | STATE(JOINED) | STATE(ANSWERED),
     [ITEM_PREPARING] = STATE(WAITING) | STATE(JOINED) | STATE(LEAVING) | STATE(ANSWERED),
     [ITEM_JOINED] = STATE(ANSWERED),
     [ITEM_LEAVING] = STATE(ANSWERED),
@@ -211,6 +211,46 @@ static void start_flight(struct item *item)
         item_fail(item, &error);
 }
 
+static void was_looked_up(void *context, struct blob *blob)
+{
+    struct item *item = context;
+    if (!answer_or_join(item, blob))
+        start_flight(item);
+}
+
+void item_find_result(struct item *item)
+{
+    cache_get(item_service(item)->cache, &item->key, was_looked_up, item);
+}
+
+/* ---- GET ---- */
+
+/* It needs no memory of the budget, only its turn. */
+static void start_lookup(struct memory_waiter *waiter)
+{
+    struct item *item = container_of(waiter, struct item, memory);
+    struct request *request = item->request;
+    admission_end(&item_service(item)->admission.prepares[waiter->claim.class], waiter->claim.bytes);
+    item->times.memory_ms += (double)(clock_ns() - item->times.queued_ns) * 1e-6;
+    item_find_result(item);
+    request_settle(request);
+}
+
+/*
+ * A lookup on disk waits like a prepare, so that it does not start while the client is too far behind with reading its
+ * results: a small request may name keys of large ones. Their sizes are not known until they are read.
+ */
+static void wait_for_lookup(struct item *item)
+{
+    enum { GUESS = 1 << 20 };
+    item->memory = (struct memory_waiter){.start = start_lookup,
+                                          .claim = {.bytes = GUESS, .class = ADMISSION_SMALL},
+                                          .priority = item->request->priority};
+    item_enter(item, ITEM_WAITING);
+    item->times.queued_ns = clock_ns();
+    memory_queue_add(&item_service(item)->preparing, &item->request->client->member.preparing, &item->memory);
+}
+
 static void get_was_looked_up(void *context, struct blob *blob)
 {
     struct item *item = context;
@@ -218,7 +258,7 @@ static void get_was_looked_up(void *context, struct blob *blob)
     if (answer_or_join(item, blob))
         return;
     if (service->flights.disk) {
-        start_flight(item);
+        wait_for_lookup(item);
         return;
     }
     service->counters.misses++;
@@ -230,18 +270,6 @@ void item_get(struct item *item, const struct key *key)
 {
     item->key = *key;
     cache_get(item_service(item)->cache, key, get_was_looked_up, item);
-}
-
-static void build_was_looked_up(void *context, struct blob *blob)
-{
-    struct item *item = context;
-    if (!answer_or_join(item, blob))
-        start_flight(item);
-}
-
-void item_find_result(struct item *item)
-{
-    cache_get(item_service(item)->cache, &item->key, build_was_looked_up, item);
 }
 
 /* ---- cancellation ---- */
@@ -256,7 +284,8 @@ static void withdraw(struct item *item)
         drop_source(&item->source);
         preparation_destroy(item_take_preparation(item));
         item_enter(item, ITEM_ANSWERED);
-        item_note_prepared(item);
+        if (item->request->is_build)
+            item_note_prepared(item);
         break;
     case ITEM_PREPARING:
         item_enter(item, ITEM_LEAVING);

@@ -9,7 +9,8 @@
  *
  * It goes back from PREPARING to WAITING when the worker finds that it needs more memory than it was promised. An item
  * that is cancelled while a worker prepares it is LEAVING: its result, BVHD_CANCELLED, is sent at once; its payload is
- * given back and it becomes ANSWERED when the worker is done. An item of GET is NEW, then JOINED or ANSWERED.
+ * given back and it becomes ANSWERED when the worker is done. An item of GET is NEW, then JOINED or ANSWERED;
+ * where there is a disk, it is WAITING for its turn before it joins a lookup there.
  *
  * A request reports three things to its session, by struct request_events: the result of each item; which payloads are
  * not needed any more (collected, and reported at the end of the loop iteration); and its own end, after which it is

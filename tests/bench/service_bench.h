@@ -26,6 +26,7 @@ void bench_many(const struct bench *bench);
 void bench_small(const struct bench *bench);
 void bench_cancels(const struct bench *bench);
 void bench_deaths(const struct bench *bench);
+void bench_disk(const struct bench *bench);
 
 double bench_now(void); /* milliseconds of a monotonic clock */
 __attribute__((noreturn, format(printf, 1, 2))) void bench_fail(const char *format, ...);

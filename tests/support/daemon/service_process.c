@@ -52,8 +52,8 @@ static void show_log(const struct service_process *service)
 
 static void become_daemon(const struct service_process *service, const char *program, const char *const *options)
 {
-    const char *words[MAX_WORDS] = {program, "--socket", service->socket};
-    int count = 3;
+    const char *words[MAX_WORDS] = {program, "--socket", service->socket, "--no-cache"};
+    int count = 4;
     for (; options && *options && count < MAX_WORDS - 1; options++)
         words[count++] = *options;
     int log = open(service->log, O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0600);

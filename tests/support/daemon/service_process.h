@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * service_process.h - a separate daemon for tests and benchmarks: it is started on a socket in a new directory,
- * stopped, and its directory removed.
+ * stopped, and its directory removed. It keeps nothing on disk, unless its options have --cache.
  *
  * For test programs only: failures on this side are printed to stderr and end the program. The daemon dies with its
  * parent.

@@ -103,10 +103,10 @@ static void results_outlive_the_service(void **state)
     world_mesh_finish(&small);
 }
 
-static bool is_written(void *context)
+static bool are_written(void *context)
 {
-    (void)context;
-    return world_counters(&world).disk_written == 1;
+    const uint32_t *count = context;
+    return world_counters(&world).disk_written == *count;
 }
 
 static bool is_counted(void *context)
@@ -121,7 +121,7 @@ static void counters_say_what_is_there(void **state)
     struct world_client *client = world_join(&world);
     ask(client, 1, &mesh);
     world_await_result(client, 1, 0);
-    world_await(&world, is_written, NULL);
+    world_await(&world, are_written, &(uint32_t){1});
     assert_int_equal(world_counters(&world).disk_budget, options.disk_budget);
     begin_again();
     world_await(&world, is_counted, NULL);
@@ -275,6 +275,62 @@ static void lookups_can_be_left(void **state)
     expect_origin(world_await_result(stayer, 1, 0), ORIGIN_DISK);
     assert_int_equal(world_status(canceller, 1, 0), BVHD_CANCELLED);
     assert_int_equal(world_counters(&world).hits_disk, 1);
+}
+
+static bool holds_results(void *context)
+{
+    return ((struct world_client *)context)->first_held != NULL;
+}
+
+/* A client that reads nothing does not get all that it asks for into memory. */
+static void lookups_wait_for_who_does_not_read(void **state)
+{
+    (void)state;
+    enum { KEYS = 48, TRIANGLES = 8000 }; /* structures of 0.25 MiB and more */
+    struct key keys[KEYS];
+    world_finish(&world);
+    options.memory = 16 << 20;
+    options.disk_budget = 1 << 30;
+    world_init(&world, &options);
+    struct world_client *client = world_join(&world);
+    for (uint32_t i = 0; i < KEYS; i++) {
+        struct world_mesh each;
+        world_mesh_init(&each, TRIANGLES, 100 + i);
+        ask(client, 1 + i, &each);
+        keys[i] = world_await_result(client, 1 + i, 0)->result->key;
+        world_await(&world, are_written, &(uint32_t){i + 1});
+        world_mesh_finish(&each);
+    }
+    options.cache = 0;
+    begin_again();
+    client = world_join(&world);
+    client->hold = true;
+    world_get(client, 1, keys, KEYS);
+    world_await(&world, holds_results, client);
+    for (int i = 0; i < 50; i++) {
+        world_iterate(&world);
+        usleep(1000);
+    }
+    assert_true(atomic_load(&world.service->account.live_bytes) < options.memory / 2);
+    client->hold = false;
+    world_settle(&world);
+    for (uint32_t i = 0; i < KEYS; i++)
+        assert_int_equal(world_result(client, 1, i)->result->origin, ORIGIN_DISK);
+}
+
+static void a_lookup_that_waits_can_be_cancelled(void **state)
+{
+    (void)state;
+    keep_mesh();
+    struct world_client *client = world_join(&world);
+    struct user_member *member = &client->session->client.member;
+    user_take(member, SHARE_AHEAD, options.memory); /* as if it had read nothing of as much */
+    world_get(client, 1, &key, 1);
+    assert_int_equal(session_find(client->session, 1)->items[0].state, ITEM_WAITING);
+    assert_int_equal(world_cancel(client, 1, NULL, 0), BVHD_OK);
+    assert_int_equal(world_status(client, 1, 0), BVHD_CANCELLED);
+    assert_null(session_find(client->session, 1));
+    user_give(member, SHARE_AHEAD, options.memory);
 }
 
 /* ---- what can be wrong with a disk ---- */
@@ -465,6 +521,8 @@ int main(void)
         TEST(a_build_joins_a_get),
         TEST(a_get_keeps_a_build),
         TEST(lookups_can_be_left),
+        TEST(lookups_wait_for_who_does_not_read),
+        TEST(a_lookup_that_waits_can_be_cancelled),
         TEST(what_is_damaged_is_built_again),
         TEST(an_entry_that_cannot_be_read_costs_a_build),
         TEST(a_directory_that_cannot_be_used_is_done_without),

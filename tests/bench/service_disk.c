@@ -1,0 +1,183 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * service_disk.c - the cache on disk: how soon a daemon with a full one answers, what a hit costs, and what a miss
+ * costs beside a daemon without one.
+ */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "builder/store/generation.h"
+#include "builder/store/store.h"
+#include "builder/summary.h"
+#include "tests/bench/service_bench.h"
+
+enum { ENTRIES = 200000, STARTS = 9, HITS = 1000, MISSES = 500 };
+
+static char directory[] = "/tmp/bvhd-bench-XXXXXX";
+
+/* The entries of this program need not outlive a crash of the machine, so the store's calls end up here. */
+int fsync(int descriptor)
+{
+    (void)descriptor;
+    return 0;
+}
+
+int fdatasync(int descriptor)
+{
+    (void)descriptor;
+    return 0;
+}
+
+/* The daemon does not read the bytes of results, so any will do. */
+static struct key key_of(uint32_t number)
+{
+    struct key key;
+    for (int i = 0; i < 4; i++)
+        bytes_put64(key.bytes + 8 * i, (number + 1) * UINT64_C(0x9e3779b97f4a7c15) >> i);
+    return key;
+}
+
+static void put(struct store *store, uint32_t number, const void *payload, uint64_t size)
+{
+    unsigned char about[SUMMARY_SIZE];
+    struct bvhd_error error;
+    summary_write(
+        &(struct summary){.target = TARGET_PORTABLE, .stats = {.method = "ploc", .quality = QUALITY_BALANCED}}, about);
+    const struct store_entry entry = {.key = key_of(number), .summary = {about, sizeof about}, .size = size};
+    if (store_put(store, &entry, payload, &error) != BVHD_OK)
+        bench_fail("%s: %s", error.where, error.text);
+}
+
+static struct store *open_store(struct memory *memory)
+{
+    const struct store_options options = {
+        .directory = directory, .generation = store_generation(), .budget = STORE_BUDGET_DEFAULT};
+    struct store *store;
+    struct bvhd_error error;
+    memory_init(memory, UINT64_MAX);
+    if (!mkdtemp(directory) || store_open(&options, memory, &store, &error) != BVHD_OK)
+        bench_fail("%s: the cache cannot be made", directory);
+    return store;
+}
+
+static void remove_store(void)
+{
+    char command[128];
+    snprintf(command, sizeof command, "rm -rf '%s'", directory);
+    if (system(command) != 0)
+        bench_fail("%s cannot be removed", directory);
+}
+
+/* Fetches a result and returns how many milliseconds that took. */
+static double fetch(struct bvhd_client *client, const struct key *key)
+{
+    struct bvhd_key wanted;
+    struct bvhd_batch *batch;
+    struct bvhd_error error;
+    double begin = bench_now();
+    memcpy(wanted.bytes, key->bytes, sizeof wanted.bytes);
+    if (bvhd_batch_fetch(client, 1, &wanted, &batch, &error) != BVHD_OK)
+        bench_fail("%s", error.text);
+    bench_finish(batch);
+    return bench_now() - begin;
+}
+
+static void start(const struct bench *bench, bool has_disk, struct service_process *ret_service)
+{
+    char count[16];
+    snprintf(count, sizeof count, "%u", bench->workers ? bench->workers : 2);
+    const char *const all[] = {"--cache-size", "0", "--workers", count, "--cache", directory, NULL};
+    const char *const some[] = {"--cache-size", "0", "--workers", count, NULL};
+    service_process_start(ret_service, bench->program, has_disk ? all : some);
+}
+
+/* Time from the start of the process to a result that the client has read. */
+static void first_hits(const struct bench *bench)
+{
+    double ms[STARTS];
+    for (uint32_t i = 0; i < STARTS; i++) {
+        const struct key key = key_of(i * (ENTRIES / STARTS) + 7);
+        struct service_process process;
+        double begin = bench_now();
+        start(bench, true, &process);
+        struct bvhd_client *client = bench_client(&process);
+        fetch(client, &key);
+        ms[i] = bench_now() - begin;
+        bvhd_client_destroy(client);
+        bench_stop(&process);
+    }
+    double worst = bench_quantile(ms, STARTS, 1), median = bench_quantile(ms, STARTS, 0.5);
+    bench_line("start to first hit", "200,000 entries: median %.0f ms, worst of %d %.0f ms (goal: 200 ms)", median,
+               STARTS, worst);
+}
+
+static void hits(const struct bench *bench, uint32_t number, uint64_t size, const char *goal)
+{
+    static double us[HITS];
+    const struct key key = key_of(number);
+    struct service_process process;
+    start(bench, true, &process);
+    struct bvhd_client *client = bench_client(&process);
+    for (int i = 0; i < HITS; i++)
+        us[i] = fetch(client, &key) * 1e3;
+    double p99 = bench_quantile(us, HITS, 0.99), p50 = bench_quantile(us, HITS, 0.5);
+    bench_line("hit from disk", "%.1f KiB: p50 %.0f us, p99 %.0f us (goal: p50 %s)", (double)size / 1024, p50, p99,
+               goal);
+    bvhd_client_destroy(client);
+    bench_stop(&process);
+}
+
+/* Builds a mesh that no daemon has seen, and returns how many microseconds that took. */
+static double build_new(struct bvhd_client *client, uint32_t seed)
+{
+    struct terrain terrain;
+    terrain_init(&terrain, 18, seed);
+    double begin = bench_now();
+    bench_finish(bench_submit(client, &terrain));
+    double us = (bench_now() - begin) * 1e3;
+    terrain_finish(&terrain);
+    return us;
+}
+
+/* Small builds by two daemons in turn. */
+static void misses(const struct bench *bench)
+{
+    static double us[2][MISSES];
+    struct service_process processes[2];
+    struct bvhd_client *clients[2];
+    for (int i = 0; i < 2; i++) {
+        start(bench, i == 1, &processes[i]);
+        clients[i] = bench_client(&processes[i]);
+    }
+    for (int k = 0; k < MISSES; k++)
+        for (int i = 0; i < 2; i++)
+            us[i][k] = build_new(clients[i], 1000 + (uint32_t)k);
+    for (int i = 0; i < 2; i++) {
+        bvhd_client_destroy(clients[i]);
+        bench_stop(&processes[i]);
+    }
+    double without = bench_quantile(us[0], MISSES, 0.5), with = bench_quantile(us[1], MISSES, 0.5);
+    bench_line("miss, 18 triangles built", "p50 without a disk %.0f us, with one %.0f us: + %.0f us", without, with,
+               with - without);
+}
+
+void bench_disk(const struct bench *bench)
+{
+    enum { SMALL = 1024, LARGE = 1 << 20 };
+    static unsigned char payload[LARGE];
+    struct memory memory;
+    struct store *store = open_store(&memory);
+    double begin = bench_now();
+    for (uint32_t i = 0; i < ENTRIES; i++)
+        put(store, i, payload, SMALL);
+    put(store, ENTRIES, payload, LARGE);
+    store_close(store);
+    bench_line("200,001 entries written", "unsynced, in %.1f s", (bench_now() - begin) / 1e3);
+    first_hits(bench);
+    hits(bench, 0, SMALL, "none");
+    hits(bench, ENTRIES, LARGE, "400 us");
+    misses(bench);
+    remove_store();
+}
