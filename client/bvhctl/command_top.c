@@ -39,7 +39,7 @@ static enum bvhd_status take_look(const struct options *options, struct bvhd_cli
     return status;
 }
 
-enum { OTHER_LINES = 17 /* that are printed beside the rows of clients */, FEWEST_ROWS = 3 };
+enum { OTHER_LINES = 19 /* that are printed beside the rows of clients */, FEWEST_ROWS = 3 };
 
 /* Returns how many clients the terminal has room for; without a terminal all are shown. */
 static uint32_t room_for_rows(void)

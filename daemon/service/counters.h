@@ -79,7 +79,8 @@
 /* How long items took lately, by stage (latency.h). */
 #define COUNTERS_OF_LATENCIES(X)                                                                                       \
     COUNTERS_OF_LATENCY(X, waiting)                                                                                    \
-    COUNTERS_OF_LATENCY(X, prepare) COUNTERS_OF_LATENCY(X, build) COUNTERS_OF_LATENCY(X, total)
+    COUNTERS_OF_LATENCY(X, prepare)                                                                                    \
+    COUNTERS_OF_LATENCY(X, disk) COUNTERS_OF_LATENCY(X, build) COUNTERS_OF_LATENCY(X, total)
 
 #define COUNTERS_OF_LATENCY(X, stage)                                                                                  \
     X(latency_##stage##_items)                                                                                         \

@@ -392,6 +392,18 @@ static void complete(struct flight *flight)
     }
 }
 
+/* Returns how long the job ran, in milliseconds. */
+static double run_ms(const struct pool_job *job)
+{
+    return job->ran ? (double)(job->ended_ns - job->started_ns) * 1e-6 : 0;
+}
+
+/* Adds the time that the job has waited for a thread. */
+static void add_wait(struct flight *flight, const struct pool_job *job)
+{
+    flight->times.threads_ms += job->ran ? (double)(job->started_ns - job->submitted_ns) * 1e-6 : 0;
+}
+
 static void end_promise(struct flight *flight)
 {
     const struct admission_claim *claim = &flight->memory.claim;
@@ -436,8 +448,8 @@ static void build_done(struct pool_job *job)
     struct flight *flight = flight_of_job(job);
     struct flights *flights = flight->flights;
     struct flight_times *times = &flight->times;
-    double ms = job->ran ? (double)(job->ended_ns - job->started_ns) * 1e-6 : 0;
-    times->threads_ms += job->ran ? (double)(job->started_ns - job->submitted_ns) * 1e-6 : 0;
+    double ms = run_ms(job);
+    add_wait(flight, job);
     if (!job->ran)
         flight->status = bvhd_error_set(&flight->error, BVHD_CANCELLED, "", "cancelled");
     flights->running--;
@@ -518,6 +530,8 @@ static void look_done(struct pool_job *job)
     struct flight *flight = flight_of_job(job);
     bool left = flight->state == FLIGHT_ABANDONED;
     flight->flights->looking--;
+    add_wait(flight, job);
+    flight->times.disk_ms = run_ms(job);
     if (!left)
         count_lookup(flight);
     if (!left && flight->status != BVHD_OK && flight->preparation) {

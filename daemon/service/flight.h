@@ -31,6 +31,7 @@ struct flight;
 /* Where the time of a flight went, in milliseconds. */
 struct flight_times {
     double memory_ms, threads_ms; /* that it waited for them */
+    double disk_ms; /* of the lookup on disk; 0: there was none */
     double build_ms; /* of the build that completed it */
     double repeated_ms; /* of a build before, which ran short of memory; 0: there was none */
 };

@@ -15,10 +15,11 @@
 #include <stdint.h>
 
 /*
- * The stages of an item. waiting: for memory, for threads and for builds of other items. prepare, build: of items that
- * were prepared, and of builds, each of which counts once. total: from the arrival of the request to the result.
+ * The stages of an item. waiting: for memory, for threads and for builds of other items. prepare: of items that were
+ * prepared. disk, build: of lookups on disk and of builds, each of which counts once. total: from the arrival of the
+ * request to the result.
  */
-#define LATENCY_STAGES(X) X(waiting) X(prepare) X(build) X(total)
+#define LATENCY_STAGES(X) X(waiting) X(prepare) X(disk) X(build) X(total)
 
 enum latency_stage {
 #define STAGE(name) LATENCY_##name,

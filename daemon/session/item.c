@@ -149,10 +149,11 @@ static void add_times(struct item *item, const struct flight_completion *complet
     const struct flight_times *flight = &completion->times;
     struct item_times *times = &item->times;
     times->waiters = completion->first ? completion->waiters : 0;
-    if (completion->origin != ORIGIN_BUILT)
+    if (completion->origin != ORIGIN_BUILT && !(completion->origin == ORIGIN_DISK && completion->first))
         return;
     times->memory_ms += flight->memory_ms;
     times->threads_ms += flight->threads_ms;
+    times->disk_ms = flight->disk_ms;
     times->build_ms = flight->build_ms;
     times->repeated_ms = flight->repeated_ms;
 }

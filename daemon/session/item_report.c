@@ -16,7 +16,8 @@ static void count(struct service *service, const struct item *item, const struct
         bool passed;
         double ms;
     } stages[] = {
-        {LATENCY_waiting, true, result->queued_ms},
+        {LATENCY_waiting, true, result->queued_ms > times->disk_ms ? result->queued_ms - times->disk_ms : 0},
+        {LATENCY_disk, times->disk_ms > 0, times->disk_ms},
         {LATENCY_prepare, times->prepare_ms > 0, times->prepare_ms},
         {LATENCY_build, result->origin == ORIGIN_BUILT, times->build_ms},
         {LATENCY_total, true, total},
@@ -39,7 +40,7 @@ static const char *origin_name(const struct control_result *result)
 /* Milliseconds that no stage of the item accounts for: it waited for another item's build, or for the loop. */
 static double other_ms(const struct item_times *times, const struct control_result *result)
 {
-    double other = result->queued_ms - times->memory_ms - times->threads_ms - times->repeated_ms;
+    double other = result->queued_ms - times->memory_ms - times->threads_ms - times->disk_ms - times->repeated_ms;
     return other > 0 ? other : 0;
 }
 
@@ -54,6 +55,7 @@ static const char *reason(const struct item_times *times, const struct control_r
         {times->memory_ms, "it waited for memory, or for its client to read earlier results"},
         {times->threads_ms, "it waited for threads"},
         {times->prepare_ms, "its geometry took long to prepare"},
+        {times->disk_ms, "its result was long looked for on disk"},
         {times->build_ms, "its build took long"},
         {times->repeated_ms, "its build ran short of memory and was repeated alone"},
         {other_ms(times, result),
@@ -74,12 +76,13 @@ static void log_slow(const struct item *item, const struct control_result *resul
     char key[KEY_TEXT_SIZE];
     key_to_text(&item->key, key);
     log_event(LOG_INFO, "slow_build",
-              PEER_FORMAT " request=%llu item=%u key=%.8s ms=%.1f memory_ms=%.1f threads_ms=%.1f prepare_ms=%.1f "
-                          "build_ms=%.1f repeated_ms=%.1f other_ms=%.1f status=%s origin=%s primitives=%llu "
-                          "quality=%s method=%s waiters=%u why=%s suppressed=%u",
+              PEER_FORMAT
+              " request=%llu item=%u key=%.8s ms=%.1f memory_ms=%.1f threads_ms=%.1f prepare_ms=%.1f disk_ms=%.1f "
+              "build_ms=%.1f repeated_ms=%.1f other_ms=%.1f status=%s origin=%s primitives=%llu "
+              "quality=%s method=%s waiters=%u why=%s suppressed=%u",
               PEER_VALUES(&request->client->peer), (unsigned long long)request->number, item->index, key,
               result->queued_ms + result->prepare_ms + result->build_ms, times->memory_ms, times->threads_ms,
-              times->prepare_ms, times->build_ms, times->repeated_ms, other_ms(times, result),
+              times->prepare_ms, times->disk_ms, times->build_ms, times->repeated_ms, other_ms(times, result),
               bvhd_status_name(result->error.status), origin_name(result), (unsigned long long)built->primitives,
               build_quality_name((enum build_quality)built->quality), *built->method ? built->method : "none",
               times->waiters, log_quote(reason(times, result)).text, suppressed);

@@ -57,6 +57,7 @@ struct item_times {
     uint64_t queued_ns; /* when it began to wait for memory to be prepared */
     double memory_ms, threads_ms; /* waited for them, to be prepared and to be built */
     double prepare_ms;
+    double disk_ms; /* of the lookup of its result on disk, unless another item had started it */
     double build_ms, repeated_ms; /* of its own build (flight_times) */
     uint32_t waiters; /* items that its flight completed, told to the first of them; 0 for the others */
 };

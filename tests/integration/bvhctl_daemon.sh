@@ -251,7 +251,7 @@ for line in "bvhd +[0-9.]+, process $daemon, up 0 d 0:[0-9:]+, [1-9][0-9]* worke
     '  (waiting|prepare|build|total) +[1-9][0-9]*( +[0-9]+\.[0-9]{3}){4}$'; do
     expect "the summary: $(head -n 14 out)" grep -Eq "^$line" out
 done
-expect 'all stages' [ "$(grep -Ec '^  (waiting|prepare|build|total) ' out)" -eq 4 ]
+expect 'all stages' [ "$(grep -Ec '^  (waiting|prepare|disk|build|total) ' out)" -eq 5 ]
 expect 'its process' counter_is "$s" pid "$daemon"
 expect 'only the connection that asks' within 10 counter_is "$s" connections 1
 expect 'nothing under way' within 10 counter_is "$s" queue_depth 0

@@ -72,6 +72,10 @@ static void print_memory(const struct bvhd_counters *counters)
     printf("memory   %.1f of %.1f MB; kept results %.1f of %.1f MB, %llu were dropped\n",
            megabytes(counters, "memory_live"), megabytes(counters, "memory_limit"), megabytes(counters, "cache_bytes"),
            megabytes(counters, "cache_budget"), value(counters, "cache_evicted"));
+    if (value(counters, "disk_budget") > 0)
+        printf("disk     %.1f of %.1f MB in %llu results; %llu were written, %llu dropped, %llu damaged\n",
+               megabytes(counters, "disk_bytes"), megabytes(counters, "disk_budget"), value(counters, "disk_entries"),
+               value(counters, "disk_written"), value(counters, "disk_evicted"), value(counters, "disk_damaged"));
     printf("bytes    %.1f MB of geometry came, %.1f MB of results went\n", megabytes(counters, "payload_bytes"),
            megabytes(counters, "result_bytes"));
 }
@@ -86,7 +90,7 @@ static void print_ms(const struct bvhd_counters *counters, const char *stage, co
 
 static void print_latencies(const struct bvhd_counters *counters)
 {
-    static const char *const stages[] = {"waiting", "prepare", "build", "total"};
+    static const char *const stages[] = {"waiting", "prepare", "disk", "build", "total"};
     static const char *const which[] = {"p50", "p90", "p99", "max"};
     printf("latency  of the last minutes, in ms\n  %-9s %10s", "stage", "items");
     for (size_t k = 0; k < sizeof which / sizeof *which; k++)

@@ -97,6 +97,7 @@ static void results_outlive_the_service(void **state)
     expect_origin(world_await_result(client, 3, 0), ORIGIN_MEMORY);
     struct counters counters = world_counters(&world);
     assert_int_equal(counters.hits_disk, 2);
+    assert_int_equal(counters.latency_disk_items, 2);
     assert_int_equal(counters.hits_memory, 1);
     assert_int_equal(counters.misses, 0);
     assert_int_equal(counters.builds_started, 0);
