@@ -22,8 +22,12 @@ static bool has_large_steps(const unsigned char *body, const struct portable_hea
 {
     double largest = 0x1p-126;
     int exponent = 0;
-    for (int i = 0; i < 6; i++)
-        largest = fmax(largest, fabs((double)header->bounds[i]));
+    for (int i = 0; i < 6; i++) {
+        /* Not fmax: with that, gcc 12 for arm64 ends with an internal error. */
+        double coordinate = fabs((double)header->bounds[i]);
+        if (coordinate > largest)
+            largest = coordinate;
+    }
     for (uint32_t i = 0; i < header->node_count; i++) {
         const uint8_t *exponents =
             body + header->node_offset + i * sizeof(struct portable_node) + offsetof(struct portable_node, exponent);

@@ -152,6 +152,7 @@ written()
     find client tests -type f | grep -E '\.(glsl|comp|rgen|rmiss|rchit|rahit|rint)$'
     find . -path ./build -prune -o \( -name '*.sh' -o -name meson.build \) -print | sed 's|^\./||'
     find . -maxdepth 1 \( -name check -o -name demo \) | sed 's|^\./||'
+    find . -path './debian/*' \( -name rules -o -name '*.p*' \) | sed 's|^\./||'
 }
 
 check_files()
@@ -381,7 +382,7 @@ self_test()
         echo '`low` `a`' >"$tree/$folder/README.md"
         echo "$spdx" >"$tree/$folder/low.h"
     done
-    mkdir -p "$tree/tests"
+    mkdir -p "$tree/tests" "$tree/debian"
     plant builder/content_key.c '<openssl/evp.h>'
     (check_house "$tree") || { echo "a good tree was refused"; exit 1; }
     test_pairs
@@ -407,7 +408,7 @@ self_test()
     echo "$spdx" >"$tree/proto/base/b.h" && must_fail 'a header that is not described' proto/base/b.h
     echo "$spdx" >"$tree/proto/base/low_part.h" && (check_house "$tree") && rm "$tree/proto/base/low_part.h"
     printf '%s\nint x; \n' "$spdx" >"$tree/proto/base/a.c" && must_fail 'a space at the end' proto/base/a.c
-    for name in tests/a.c tests/a.sh tests/meson.build client/a.glsl; do
+    for name in tests/a.c tests/a.sh tests/meson.build client/a.glsl debian/rules; do
         { echo "$spdx" && printf '%0121d\n' 0; } >"$tree/$name" && must_fail "a line of 121 columns: $name" "$name"
     done
     { echo '# SPDX-License-Identifier: Apache-2.0' && printf '#%0100d\n' 0; } >"$tree/tests/a.py"

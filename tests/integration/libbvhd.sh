@@ -41,6 +41,11 @@ nm -g --defined-only "$static" | awk 'NF == 3 { print $3 }' | grep -v '^_*asan\|
 expect_quietly 'functions are declared' [ "$(wc -l <declared)" -gt 25 ]
 expect_quietly 'the shared library exports what is declared' diff declared exported
 expect_quietly 'so does the static one' diff declared exported_static
+# The Debian package lists the same names, and has the same version.
+sed -n 's/^ \(bvhd_.*\)@BVHD_0 .*/\1/p' "$source/debian/libbvhd0.symbols" | sort >packaged
+expect_quietly 'debian/libbvhd0.symbols has what is declared' diff declared packaged
+packaged=$(sed -n '1s/.*(\(.*\)-.*/\1/p' "$source/debian/changelog")
+expect "the version in debian/changelog, $packaged, is $version" [ "$packaged" = "$version" ]
 # Unit tests have tables of wrong calls, which have every function.
 cat "$source"/tests/unit/client/test_misuse.c "$source"/tests/unit/client/vulkan/test_vulkan_misuse.c |
     grep -o 'bvhd_[a-z_0-9]*(' | tr -d '(' | sort -u | comm -23 declared - >unmisused
