@@ -197,6 +197,16 @@ static void everything_is_counted(void **state)
     }
 }
 
+/* Emulators of other processors ignore advice: on private memory MADV_REMOVE fails on every real system. */
+static bool advice_is_ignored(void)
+{
+    void *private = mmap(NULL, 4096, PROT_READ, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+    assert_ptr_not_equal(private, MAP_FAILED);
+    bool is_ignored = madvise(private, 4096, MADV_REMOVE) == 0;
+    munmap(private, 4096);
+    return is_ignored;
+}
+
 /* Tries everything that a process can do to change a file through a descriptor. */
 static void expect_unchangeable(int descriptor)
 {
@@ -211,7 +221,7 @@ static void expect_unchangeable(int descriptor)
     void *shared = mmap(NULL, 4096, PROT_READ, MAP_SHARED, descriptor, 0);
     if (shared != MAP_FAILED) {
         assert_int_equal(mprotect(shared, 4096, PROT_READ | PROT_WRITE), -1);
-        assert_int_equal(madvise(shared, 4096, MADV_REMOVE), -1);
+        assert_true(madvise(shared, 4096, MADV_REMOVE) == -1 || advice_is_ignored());
         munmap(shared, 4096);
     }
 }
