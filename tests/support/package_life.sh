@@ -41,15 +41,24 @@ not()
     ! "$@"
 }
 
-# Packages ask a manager to start and stop units where this folder is. They get these programs instead.
+# Packages ask a manager to start and stop units where this folder is. They get these programs instead. Of systemctl
+# only the links in /etc remain, for which it needs no manager.
 record_requests()
 {
     mkdir -p /run/systemd/system
-    # shellcheck disable=SC2016 # the programs fill these in
-    printf '#!/bin/sh\necho "$*" >>%s\nexit 101\n' "$requests" >/usr/sbin/policy-rc.d
-    dpkg-divert --quiet --local --rename --add /bin/systemctl
-    # shellcheck disable=SC2016
-    printf '#!/bin/sh\necho "systemctl $*" >>%s\n' "$requests" >/bin/systemctl
+    cat >/usr/sbin/policy-rc.d <<END
+#!/bin/sh
+echo "\$*" >>$requests
+exit 101
+END
+    dpkg-divert --quiet --local --rename --divert /bin/systemctl.real --add /bin/systemctl
+    cat >/bin/systemctl <<END
+#!/bin/sh
+echo "systemctl \$*" >>$requests
+case " \$* " in
+*' preset '* | *' enable '*) SYSTEMD_OFFLINE=1 exec /bin/systemctl.real "\$@" ;;
+esac
+END
     chmod 755 /usr/sbin/policy-rc.d /bin/systemctl
     from_now
 }
@@ -205,7 +214,8 @@ test_service()
     expect_quietly 'a stranger does not get in' not as stranger bvhctl --socket "$socket" ping
     expect_quietly 'the service builds' served first
     expect "the daemon is the service's user" [ "$(daemon_user)" = bvhd ]
-    expect 'the daemon has built' [ "$(counter builds_done)" = 1 ]
+    built=$(counter builds_done)
+    expect "the daemon has built: $built" [ "$built" -ge 1 ]
     expect_quietly 'the tool builds by itself' as member bvhctl --local build /home/member/scene.obj -o /home/member/own
     expect_quietly 'the same bytes' same_structures first own
 }
@@ -221,7 +231,7 @@ import sys
 import bvhd, numpy
 corners = numpy.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], dtype=numpy.float32)
 indices = numpy.array([[0, 1, 2]], dtype=numpy.uint32)
-client = bvhd.Client(socket=sys.argv[1])
+client = bvhd.Client(sys.argv[1])
 assert client.build(bvhd.Triangles(corners, indices)).size > 0
 END
     cp build.py /home/member/
@@ -245,7 +255,7 @@ test_upgrade()
     listen
     expect_quietly 'the new one serves' served later
     expect 'it runs the new file' [ "$(readlink "/proc/$daemon/exe")" = /usr/bin/bvhd ]
-    expect 'the result is from the cache on disk' [ "$(counter hits_disk)" = 1 ]
+    expect "the cache on disk has all of it: $(counter hits_disk) of $built" [ "$(counter hits_disk)" = "$built" ]
     expect 'nothing is built' [ "$(counter builds_done)" = 0 ]
     expect_quietly 'the same bytes again' same_structures first again
     expect_quietly 'and from the disk' same_structures first later
@@ -268,7 +278,7 @@ test_removal()
     expect_quietly 'the daemon ends in order again' stop
     expect 'the configuration is kept' [ -f /etc/bvhd/bvhd.conf ]
     # shellcheck disable=SC2046
-    expect_quietly 'purge' apt purge $(names)
+    expect_quietly 'purge' dpkg --purge $(names)
     files >after
     expect "nothing is left: $(diff before after | grep '^[<>]')" cmp -s before after
     expect 'but the user, as policy says' getent passwd bvhd >/dev/null
