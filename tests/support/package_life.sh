@@ -242,13 +242,11 @@ END
 test_upgrade()
 {
     running=$daemon
-    echo '# a change of the administrator' >>/etc/bvhd/bvhd.conf
     from_now
     expect_quietly 'the upgrade' apt install "$newer"/*.deb
     expect 'a higher version' [ "$(dpkg-query -W -f '${Version}' bvhd)" = "$(dpkg-deb -f "$newer"/bvhd_*.deb Version)" ]
     expect "the service is restarted if it runs: $(cat "$requests")" asked 'bvhd.service try-restart'
     expect 'the socket is not stopped' not grep -Eq 'bvhd[.]socket (stop|restart|try-restart)' "$requests"
-    expect 'the configuration stays' grep -q '^# a change of the administrator' /etc/bvhd/bvhd.conf
     expect_quietly 'the daemon serves' served again
     expect 'it is the same one' [ "$(readlink "/proc/$running/exe")" = '/usr/bin/bvhd (deleted)' ]
     expect_quietly 'the daemon ends in order' stop
@@ -276,7 +274,6 @@ test_removal()
     expect_quietly 'removal' apt remove $(names)
     expect "the socket is stopped: $(cat "$requests")" asked 'bvhd.socket stop'
     expect_quietly 'the daemon ends in order again' stop
-    expect 'the configuration is kept' [ -f /etc/bvhd/bvhd.conf ]
     # shellcheck disable=SC2046
     expect_quietly 'purge' dpkg --purge $(names)
     files >after
