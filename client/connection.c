@@ -69,6 +69,7 @@ static enum bvhd_status say_hello(struct connection *connection, struct bvhd_err
         .version_max = CONTROL_VERSION,
         .software = "libbvhd " BVHD_VERSION_STRING,
         .progress_ms = PROGRESS_MS,
+        .releases = true,
     };
     struct exchange *exchange = exchange_create(FRAME_HELLO, 0);
     if (!exchange)
@@ -125,6 +126,7 @@ void connection_destroy(struct connection *connection)
     connection_silence(connection);
     exchange_table_finish(&connection->table);
     frame_parser_finish(&connection->parser);
+    holdings_unref(connection->holdings);
     if (connection->socket >= 0) {
         shutdown(connection->socket, SHUT_RDWR); /* a child process may hold the socket, too */
         close(connection->socket);
@@ -178,6 +180,32 @@ void connection_cancel(struct connection *connection, uint64_t request, const ui
     }
     exchange_seal(exchange, request);
     connection_send(connection, exchange, now);
+}
+
+void connection_decline(struct connection *connection, uint64_t size)
+{
+    if (!connection->holdings || size == 0)
+        return;
+    holdings_add(connection->holdings, size);
+    holdings_release(connection->holdings, size);
+}
+
+/* Without memory the daemon is told later. */
+void connection_release(struct connection *connection, uint64_t now)
+{
+    struct control_released released = {connection->holdings ? holdings_collect(connection->holdings) : 0};
+    if (released.bytes == 0)
+        return;
+    struct exchange *exchange = exchange_create(FRAME_RELEASED, 0);
+    if (exchange && control_pack_released(&released, &library_memory, &exchange->control, NULL) == BVHD_OK) {
+        exchange->expects = false;
+        exchange_seal(exchange, 0);
+        connection_send(connection, exchange, now);
+        return;
+    }
+    exchange_destroy(exchange);
+    holdings_add(connection->holdings, released.bytes);
+    holdings_release(connection->holdings, released.bytes);
 }
 
 /* Space for the descriptors that go with a frame. */
@@ -377,6 +405,9 @@ enum bvhd_status connection_welcome(struct connection *connection, const struct 
         .max_pool = welcome->max_pool,
         .max_payload = welcome->max_payload ? welcome->max_payload : UINT64_MAX,
     };
+    connection->holdings = welcome->max_held > 0 ? holdings_create(welcome->max_held) : NULL;
+    if (welcome->max_held > 0 && !connection->holdings)
+        return bvhd_error_no_memory(error, "connection", "no memory for it");
     connection->credits = connection->limits.credits;
     connection->state = CONNECTION_OPEN;
     return BVHD_OK;

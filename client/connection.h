@@ -9,6 +9,7 @@
 
 #include "proto/wire/control.h"
 #include "client/exchange.h"
+#include "client/holdings.h"
 
 /* The progress of a connection. */
 enum connection_state {
@@ -40,6 +41,7 @@ struct connection {
     uint64_t pool_again; /* the moment to offer a refused pool again; 0: never */
     struct connection_limits limits;
     uint32_t credits; /* items that may still be sent before a result comes */
+    struct holdings *holdings; /* what the program holds of its results; NULL: the daemon does not count that */
     struct frame_parser parser;
     struct exchange_table table; /* exchanges that expect an answer */
     struct exchange_list outgoing; /* exchanges that are not completely sent */
@@ -91,6 +93,12 @@ bool connection_ask(struct connection *connection, enum frame_type type, struct 
  */
 void connection_cancel(struct connection *connection, uint64_t request, const uint32_t *entries, uint32_t count,
                        uint64_t now);
+
+/* A result of `size` bytes in a descriptor was not taken. */
+void connection_decline(struct connection *connection, uint64_t size);
+
+/* Tells the daemon which results the program has released since the last call, if there are any. */
+void connection_release(struct connection *connection, uint64_t now);
 
 /* Sends queued frames as far as the socket takes them. BVHD_UNAVAILABLE: the daemon is gone. */
 enum bvhd_status connection_flush(struct connection *connection, struct bvhd_error *error);

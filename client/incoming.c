@@ -122,7 +122,7 @@ static enum bvhd_status take_blob(const struct incoming_frame *arrival, uint64_t
     if (descriptors == 1) {
         int descriptor = frame->descriptors[0];
         frame->descriptors[0] = -1;
-        return result_blob_map(descriptor, size, ret_blob, error);
+        return result_blob_map(descriptor, size, arrival->connection->holdings, ret_blob, error);
     }
     if (frame->header.inline_size != size)
         return bvhd_error_set(error, BVHD_CORRUPT, "result", "%u bytes instead of %llu", frame->header.inline_size,
@@ -136,8 +136,10 @@ static void deliver(const struct incoming_frame *arrival, const struct control_r
     struct exchange_entry *entry = &exchange->entries[result->item];
     struct bvhd_error error = result->error;
     struct bvhd_blob *blob;
-    if (!exchange->batch || entry->cancelled)
+    if (!exchange->batch || entry->cancelled) {
+        connection_decline(arrival->connection, arrival->frame->header.descriptors > 0 ? result->size : 0);
         return;
+    }
     if (error.status == BVHD_OK && take_blob(arrival, result->size, &blob, &error) == BVHD_OK)
         client_batch_complete_item(exchange->batch, entry->item, result, blob);
     else

@@ -463,8 +463,16 @@ static void resend_parked(struct bvhd_client *client, struct connection *connect
     }
 }
 
+static void release_results(struct connection *connection)
+{
+    if (connection)
+        connection_release(connection, clock_ns());
+}
+
 void outgoing_pump(struct bvhd_client *client)
 {
+    release_results(client->leaving);
+    release_results(client->current);
     resend_parked(client, client->leaving);
     resend_parked(client, client->current);
     send_queue(client);

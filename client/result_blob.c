@@ -21,6 +21,7 @@ struct bvhd_blob {
     bool mapped; /* `data` is a mapping; else it comes from library_memory */
     void *data;
     uint64_t size;
+    struct holdings *holdings; /* where it counts; NULL: nowhere */
 };
 
 static enum bvhd_status create(void *data, uint64_t size, bool mapped, struct bvhd_blob **ret_blob,
@@ -79,10 +80,30 @@ static enum bvhd_status map(int descriptor, uint64_t size, struct bvhd_blob **re
     return status;
 }
 
-enum bvhd_status result_blob_map(int descriptor, uint64_t size, struct bvhd_blob **ret_blob, struct bvhd_error *error)
+/* Puts a copy in the place of a blob that maps what may not be held. */
+static enum bvhd_status copy_mapped(struct bvhd_blob **blob, struct bvhd_error *error)
 {
-    enum bvhd_status status = map(descriptor, size, ret_blob, error);
+    struct bvhd_blob *mapped = *blob;
+    enum bvhd_status status = result_blob_copy((struct bytes){mapped->data, mapped->size}, blob, error);
+    bvhd_blob_unref(mapped);
+    return status;
+}
+
+enum bvhd_status result_blob_map(int descriptor, uint64_t size, struct holdings *holdings, struct bvhd_blob **ret_blob,
+                                 struct bvhd_error *error)
+{
+    struct bvhd_blob *blob = NULL;
+    enum bvhd_status status = map(descriptor, size, &blob, error);
+    bool may_be_held = !holdings || holdings_add(holdings, size);
     close(descriptor);
+    if (status == BVHD_OK && may_be_held)
+        blob->holdings = holdings_ref(holdings);
+    else if (status == BVHD_OK)
+        status = copy_mapped(&blob, error);
+    if (holdings && (status != BVHD_OK || !may_be_held))
+        holdings_release(holdings, size);
+    if (status == BVHD_OK)
+        *ret_blob = blob;
     return status;
 }
 
@@ -101,6 +122,9 @@ void bvhd_blob_unref(struct bvhd_blob *blob)
         munmap(blob->data, blob->size);
     else
         memory_free(&library_memory, blob->data);
+    if (blob->holdings)
+        holdings_release(blob->holdings, blob->size);
+    holdings_unref(blob->holdings);
     memory_free(&library_memory, blob);
 }
 

@@ -8,6 +8,7 @@
 
 #include <bvhd/bvhd.h>
 
+#include "client/holdings.h"
 #include "proto/base/bytes.h"
 #include "proto/base/status.h"
 
@@ -22,8 +23,10 @@ enum bvhd_status result_blob_take(void *data, uint64_t size, struct bvhd_blob **
 /*
  * Makes a blob by mapping the first `size` bytes (not 0) of a memfd, which must be sealed SHRINK|GROW|WRITE and be at
  * least as long. It takes the descriptor over, even if it fails: with BVHD_CORRUPT (the descriptor is not such a
- * memfd), BVHD_NO_MEMORY or BVHD_IO.
+ * memfd), BVHD_NO_MEMORY or BVHD_IO. The bytes count in `holdings` until the blob is freed; they are copied if that
+ * exceeds what may be held. `holdings` may be NULL: the daemon does not count them.
  */
-enum bvhd_status result_blob_map(int descriptor, uint64_t size, struct bvhd_blob **ret_blob, struct bvhd_error *error);
+enum bvhd_status result_blob_map(int descriptor, uint64_t size, struct holdings *holdings, struct bvhd_blob **ret_blob,
+                                 struct bvhd_error *error);
 
 #endif
