@@ -41,7 +41,7 @@ static uint32_t *built_find(const struct built *built, const struct batch_item *
 }
 
 struct batch {
-    const struct limits *limits;
+    const struct batch_call *call;
     const struct build_context *context;
     struct batch_item *items;
     struct built built;
@@ -67,6 +67,47 @@ static void report(void *context, uint64_t done, uint64_t total)
                              batch->total);
 }
 
+static void share_item(const struct batch_item *equal, struct batch_item *item)
+{
+    item->coalesced = true;
+    item->blob = equal->blob;
+    item->size = equal->size;
+    item->stats = equal->stats;
+    item->original_build_ms = equal->original_build_ms;
+}
+
+static bool take_cached(const struct batch *batch, enum target target, struct memory *memory, struct batch_item *item)
+{
+    struct batch_cache *cache = batch->call->cache;
+    struct summary summary;
+    if (!cache || !cache->get(cache, &item->key, memory, &item->blob, &summary))
+        return false;
+    if (summary.target != target) {
+        memory_free(memory, item->blob);
+        item->blob = NULL;
+        return false;
+    }
+    item->cached = true;
+    item->stats = summary.stats;
+    item->original_build_ms = summary.build_ms;
+    return true;
+}
+
+static enum bvhd_status build_new(const struct batch *batch, const struct canonical *canonical,
+                                  const struct build_options *options, const struct build_context *context,
+                                  struct batch_item *item)
+{
+    struct batch_cache *cache = batch->call->cache;
+    double begin = clock_ms();
+    enum bvhd_status status = build(canonical, options, context, &item->blob, &item->stats, &item->error);
+    item->build_ms = item->original_build_ms = clock_ms() - begin;
+    if (status != BVHD_OK || !cache)
+        return status;
+    const struct summary summary = {options->target, item->stats, item->build_ms, atomic_load(&context->memory->peak)};
+    cache->put(cache, &item->key, item->blob, &summary);
+    return BVHD_OK;
+}
+
 static enum bvhd_status build_item(const struct batch *batch, const struct canonical *canonical,
                                    const struct build_options *options, const struct build_context *context,
                                    struct batch_item *item)
@@ -76,16 +117,11 @@ static enum bvhd_status build_item(const struct batch *batch, const struct canon
         return status;
     uint32_t *slot = built_find(&batch->built, batch->items, &item->key);
     if (*slot) {
-        const struct batch_item *equal = &batch->items[*slot - 1];
-        item->coalesced = true;
-        item->blob = equal->blob;
-        item->size = equal->size;
-        item->stats = equal->stats;
+        share_item(&batch->items[*slot - 1], item);
         return BVHD_OK;
     }
-    double begin = clock_ms();
-    status = build(canonical, options, context, &item->blob, &item->stats, &item->error);
-    item->build_ms = clock_ms() - begin;
+    if (!take_cached(batch, options->target, context->memory, item))
+        status = build_new(batch, canonical, options, context, item);
     if (status == BVHD_OK) {
         memory_hand_up(context->memory, item->blob);
         item->size = item->stats.sizes.total;
@@ -106,7 +142,7 @@ static void run_item(struct batch *batch, const struct build_input *input, uint3
     context.progress = context.progress ? report : NULL;
     context.progress_context = batch;
     double begin = clock_ms();
-    item->status = prepare(input, index, batch->limits, &context, &canonical, &item->error);
+    item->status = prepare(input, index, batch->call->limits, &context, &canonical, &item->error);
     item->prepare_ms = clock_ms() - begin;
     memory_explain(&memory, &item->error);
     if (item->status != BVHD_OK)
@@ -120,39 +156,47 @@ static void run_item(struct batch *batch, const struct build_input *input, uint3
 }
 
 /* `errors`: for each entry, what validate_batch found about the rules between entries. */
-static void run_items(struct batch *batch, const struct build_input *inputs, uint32_t count,
-                      const struct bvhd_error *errors)
+static void run_items(struct batch *batch, const struct bvhd_error *errors)
 {
-    memset(batch->items, 0, count * sizeof *batch->items);
-    for (uint32_t i = 0; i < count; i++)
-        batch->total += weight_of(&inputs[i], batch->limits);
-    for (uint32_t i = 0; i < count; i++) {
+    const struct batch_call *call = batch->call;
+    memset(batch->items, 0, call->count * sizeof *batch->items);
+    for (uint32_t i = 0; i < call->count; i++)
+        batch->total += weight_of(&call->inputs[i], call->limits);
+    for (uint32_t i = 0; i < call->count; i++) {
         batch->items[i].status = errors[i].status;
         batch->items[i].error = errors[i];
-        batch->weight = weight_of(&inputs[i], batch->limits);
+        batch->weight = weight_of(&call->inputs[i], call->limits);
         if (errors[i].status == BVHD_OK)
-            run_item(batch, &inputs[i], i);
+            run_item(batch, &call->inputs[i], i);
         batch->done += batch->weight;
     }
+}
+
+enum bvhd_status batch_run(const struct batch_call *call, const struct build_context *context,
+                           struct batch_item *ret_items, struct bvhd_error *error)
+{
+    const uint32_t count = call->count;
+    if (count == 0)
+        return BVHD_OK;
+    struct batch batch = {.call = call, .context = context, .items = ret_items};
+    struct memory *memory = context->memory;
+    struct bvhd_error *errors = memory_array(memory, count, sizeof *errors);
+    enum bvhd_status status = errors ? built_init(&batch.built, count, memory) : BVHD_NO_MEMORY;
+    if (status == BVHD_OK)
+        status = validate_batch(call->inputs, count, memory, errors);
+    if (status == BVHD_OK)
+        run_items(&batch, errors);
+    memory_free(memory, batch.built.slots);
+    memory_free(memory, errors);
+    return status == BVHD_OK ? status : bvhd_error_set(error, status, "", "no memory for a batch of %u", count);
 }
 
 enum bvhd_status batch_build(const struct build_input *inputs, uint32_t count, const struct limits *limits,
                              const struct build_context *context, struct batch_item *ret_items,
                              struct bvhd_error *error)
 {
-    if (count == 0)
-        return BVHD_OK;
-    struct batch batch = {.limits = limits, .context = context, .items = ret_items};
-    struct memory *memory = context->memory;
-    struct bvhd_error *errors = memory_array(memory, count, sizeof *errors);
-    enum bvhd_status status = errors ? built_init(&batch.built, count, memory) : BVHD_NO_MEMORY;
-    if (status == BVHD_OK)
-        status = validate_batch(inputs, count, memory, errors);
-    if (status == BVHD_OK)
-        run_items(&batch, inputs, count, errors);
-    memory_free(memory, batch.built.slots);
-    memory_free(memory, errors);
-    return status == BVHD_OK ? status : bvhd_error_set(error, status, "", "no memory for a batch of %u", count);
+    const struct batch_call call = {.inputs = inputs, .count = count, .limits = limits};
+    return batch_run(&call, context, ret_items, error);
 }
 
 void batch_finish(struct batch_item *items, uint32_t count, struct memory *memory)

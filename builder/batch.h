@@ -7,6 +7,7 @@
 #define BVHD_BATCH_H
 
 #include "builder/build.h"
+#include "builder/summary.h"
 #include "proto/base/geometry.h"
 #include "proto/base/request_limits.h"
 
@@ -14,10 +15,12 @@ struct batch_item {
     enum bvhd_status status;
     struct bvhd_error error; /* filled when `status` is not BVHD_OK */
     struct key key;
+    bool cached; /* it comes from the batch's cache: nothing was built */
     bool coalesced; /* an earlier item of this call has the same key: `blob` is that item's */
     unsigned char *blob; /* 64-byte aligned; owned by this item, or by the item that built it when `coalesced` */
     uint64_t size;
-    double prepare_ms, build_ms;
+    double prepare_ms, build_ms; /* build_ms is 0 when the item is cached or coalesced */
+    double original_build_ms; /* the duration of the build that made the blob */
     uint64_t peak_bytes; /* most bytes of memory that preparing and building this item held at once */
     struct build_stats stats;
 };
@@ -31,6 +34,29 @@ struct batch_item {
 enum bvhd_status batch_build(const struct build_input *inputs, uint32_t count, const struct limits *limits,
                              const struct build_context *context, struct batch_item *ret_items,
                              struct bvhd_error *error);
+
+/*
+ * Keeps results for later batches. `get` returns whether it knows the key, and then fills in the blob, allocated from
+ * `memory` and 64-byte aligned, and what is known about it. `put` gets each result that was built, and never an error.
+ * Both are called on the thread that calls batch_run.
+ */
+struct batch_cache {
+    bool (*get)(struct batch_cache *cache, const struct key *key, struct memory *memory, unsigned char **ret_blob,
+                struct summary *ret_summary);
+    void (*put)(struct batch_cache *cache, const struct key *key, const unsigned char *blob,
+                const struct summary *summary);
+};
+
+struct batch_call {
+    const struct build_input *inputs;
+    uint32_t count;
+    const struct limits *limits;
+    struct batch_cache *cache; /* NULL: every result is built */
+};
+
+/* Does what batch_build does, and takes results from a cache. */
+enum bvhd_status batch_run(const struct batch_call *call, const struct build_context *context,
+                           struct batch_item *ret_items, struct bvhd_error *error);
 
 /* Frees the blobs; `memory` is the one of the batch's context. `items` may be NULL. */
 void batch_finish(struct batch_item *items, uint32_t count, struct memory *memory);

@@ -6,6 +6,7 @@
 #include <limits.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <sys/random.h>
 #include <sys/stat.h>
 #include <sys/statvfs.h>
 #include <unistd.h>
@@ -91,6 +92,17 @@ static uint64_t free_by_default(const char *path)
     return share < most ? share : most;
 }
 
+/*
+ * A process that lives for a short time and never counts the files writes a random amount before it does. So many such
+ * processes together count them about as often as one that lives long.
+ */
+static uint64_t random_patience(uint64_t budget)
+{
+    uint64_t number = 0;
+    ssize_t size = getrandom(&number, sizeof number, GRND_NONBLOCK);
+    return size == sizeof number && budget >= STORE_RECOUNT ? number % (budget / STORE_RECOUNT) : 0;
+}
+
 static struct store *make_store(const struct store_options *options, const char *path, struct memory *memory)
 {
     struct store *store = memory_alloc(memory, sizeof *store);
@@ -107,6 +119,7 @@ static struct store *make_store(const struct store_options *options, const char 
     store->keep_free = options->keep_free == STORE_KEEP_FREE_DEFAULT ? free_by_default(path) : options->keep_free;
     store->cancel = options->cancel;
     atomic_init(&store->counted, false);
+    atomic_init(&store->patience, random_patience(store->budget));
     _Atomic uint64_t *counts[] = {&store->entries, &store->bytes,   &store->written_since, &store->written,
                                   &store->read,    &store->damaged, &store->evicted,       &store->write_errors};
     for (size_t i = 0; i < sizeof counts / sizeof counts[0]; i++)

@@ -95,8 +95,8 @@ enum bvhd_status store_put(struct store *store, const struct store_entry *entry,
                            struct bvhd_error *error);
 
 /*
- * Counts what is there, and removes what writers that died have left behind. Until it has run once, the store does not
- * know what the directory holds, and is not trimmed by store_put. BVHD_OK, BVHD_CANCELLED, BVHD_IO.
+ * Counts what is there, and removes what writers that died have left behind. A process that lives for long calls it at
+ * its start; in others store_put counts after a random amount of writing. BVHD_OK, BVHD_CANCELLED, BVHD_IO.
  */
 enum bvhd_status store_scan(struct store *store, struct bvhd_error *error);
 

@@ -71,6 +71,7 @@ static enum bvhd_status count(struct store *store, struct victims *victims, stru
         .walk = {.visit = count_file}, .victims = victims, .now_ns = now.tv_sec * INT64_C(1000000000) + now.tv_nsec};
     uint64_t entries = atomic_load(&store->entries), bytes = atomic_load(&store->bytes);
     atomic_store(&store->written_since, 0);
+    atomic_store(&store->patience, store->budget / STORE_RECOUNT);
     enum bvhd_status status = walk_run(&counting.walk, store, error);
     if (status != BVHD_OK)
         return status;
@@ -106,7 +107,7 @@ static bool is_over(const struct store *store, uint64_t size)
 /* Other processes may write as much as this one does, so the estimate becomes worse as it writes. */
 static bool is_stale(const struct store *store)
 {
-    return atomic_load(&store->written_since) > store->budget / 16;
+    return atomic_load(&store->written_since) > atomic_load(&store->patience);
 }
 
 bool store_needs_trim(const struct store *store)
@@ -191,9 +192,9 @@ enum bvhd_status store_trim_to(struct store *store, uint64_t bytes, struct bvhd_
 
 enum bvhd_status store_make_room(struct store *store, uint64_t size, struct bvhd_error *error)
 {
-    bool counted = atomic_load(&store->counted), any = !counted || atomic_load(&store->entries) > 0;
+    bool any = !atomic_load(&store->counted) || atomic_load(&store->entries) > 0;
     enum bvhd_status status = BVHD_OK;
-    if ((counted && (is_over(store, size) || is_stale(store))) || (any && shortage(store, size) > 0))
+    if (is_over(store, size) || is_stale(store) || (any && shortage(store, size) > 0))
         status = trim(store, NULL, size, error);
     if (status == BVHD_OK && shortage(store, size) > 0)
         return bvhd_error_set(error, BVHD_IO, store->directory,

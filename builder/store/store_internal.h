@@ -18,6 +18,9 @@ enum {
     STORE_PATH_SIZE = STORE_GENERATION_SIZE + STORE_FOLDER_SIZE + KEY_TEXT_SIZE
 };
 
+/* The files are counted again when this fraction of the budget has been written. */
+enum { STORE_RECOUNT = 16 };
+
 /* Names in the directory. */
 #define STORE_DAMAGED "damaged" /* the folder of damaged files, beside the shards */
 #define STORE_TEMPORARY ".new-" /* how the names of unfinished files begin */
@@ -32,7 +35,8 @@ struct store {
     pthread_mutex_t cleaning; /* one scan, trim or clear at a time */
     atomic_bool counted;
     _Atomic uint64_t entries, bytes; /* estimates */
-    _Atomic uint64_t written_since; /* bytes written since they were counted last */
+    /* bytes written since the files were counted last, and how many there may be before they are counted again */
+    _Atomic uint64_t written_since, patience;
     _Atomic uint64_t written, read, damaged, evicted, write_errors;
 };
 

@@ -383,7 +383,9 @@ static enum bvhd_status open_backend(struct build_command *run, struct bvhd_erro
     const struct options *options = run->options;
     if (options->local) {
         run->backend = &run->local.backend;
-        return backend_local_open(&run->local, options->threads, &run->memory, &run->progress, error);
+        enum bvhd_status status =
+            backend_local_open(&run->local, options->threads, &run->memory, &run->progress, error);
+        return status == BVHD_OK ? backend_local_use_cache(&run->local, options, error) : status;
     }
     run->backend = &run->service.backend;
     return backend_service_open(&run->service, options, &run->memory, &run->progress, error);

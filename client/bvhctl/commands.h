@@ -10,6 +10,7 @@
 #include "client/bvhctl/base/report.h"
 
 enum exit_code command_build(const struct options *options);
+enum exit_code command_cache(const struct options *options);
 enum exit_code command_check(const struct options *options);
 enum exit_code command_inspect(const struct options *options);
 enum exit_code command_trace(const struct options *options);

@@ -43,6 +43,8 @@ static enum exit_code run(const struct options *options)
         return command_ping(options);
     case COMMAND_STOP:
         return command_stop(options);
+    case COMMAND_CACHE:
+        return command_cache(options);
     case COMMAND_DEVICES:
         return command_devices(options);
     case COMMAND_PROBE:

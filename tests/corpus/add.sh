@@ -45,7 +45,7 @@ put()
     shift
     for output in "$name" "$name.bvhd"; do
         [ -e "$target/$output" ] ||
-            "$build/client/bvhctl/bvhctl" --local build world.gltf ball.ply -o "$target/$output" "$@"
+            "$build/client/bvhctl/bvhctl" --local build --no-cache world.gltf ball.ply -o "$target/$output" "$@"
     done
 }
 put portable

@@ -14,7 +14,8 @@ for name; do
     "$make_scene" "$name" --size "${SIZE:-4000}" -o "$scratch/$name.ply" >/dev/null
     for quality in fast balanced high; do
         out=$scratch/$name-$quality
-        if ! "$bvhctl" --local build "$scratch/$name.ply" -o "$out" --quality "$quality" >"$scratch/log" 2>&1; then
+        if ! "$bvhctl" --local build "$scratch/$name.ply" -o "$out" --quality "$quality" --no-cache >"$scratch/log" \
+            2>&1; then
             echo "$name, $quality: the build failed"
         elif ! "$bvhctl" --local check "$out" "$scratch/$name.ply" --rays "${RAYS:-1000}" >"$scratch/log" 2>&1; then
             echo "$name, $quality: the check failed"

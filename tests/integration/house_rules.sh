@@ -73,8 +73,9 @@ client/bvhctl/scene         proto/base builder/format builder/traverse/ray.h bui
 client/bvhctl/trace         proto/base builder/format builder/traverse/ray.h client/bvhctl/base client/bvhctl/gpu
                             client/bvhctl/scene client/bvhctl/kernels
 client/bvhctl/picture       proto/base client/bvhctl/base client/bvhctl/oracle client/bvhctl/scene client/bvhctl/trace
-client/bvhctl               proto/base builder/format client/bvhctl/base client/bvhctl/oracle client/bvhctl/service
-                            client/bvhctl/gpu client/bvhctl/scene client/bvhctl/trace client/bvhctl/picture
+client/bvhctl               proto/base builder/format builder/store client/bvhctl/base client/bvhctl/oracle
+                            client/bvhctl/service client/bvhctl/gpu client/bvhctl/scene client/bvhctl/trace
+                            client/bvhctl/picture
 END
 }
 

@@ -71,6 +71,8 @@ expect "a daemon: $(cat log)" "$bvhctl" --socket s --connect-timeout 30 --quiet 
 printed stats stats --socket s
 printed clients clients --socket s
 printed top top --socket s --count 1
+printed cache cache show --cache kept
+printed cache cache clear --cache kept
 printed Errors inspect missing
 expect_quietly 'the members that are printed are those that are documented' python3 "$here/members.py" \
     "$source/docs" printed

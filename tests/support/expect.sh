@@ -4,6 +4,8 @@
 # their scratch folder.
 failures=0
 checks=0
+# No results on disk, except where a test names a directory of its own.
+export BVHD_CACHE=
 
 # expect WHAT COMMAND... - checks that the command succeeds.
 expect()

@@ -41,17 +41,19 @@ static const struct {
     {OPTION_FOV, ~0u, {COMPLETION_TEXT, NULL, NULL}},
     {OPTION_TURN, ~0u, {COMPLETION_TEXT, NULL, NULL}},
     {OPTION_THREADS, ~0u, {COMPLETION_TEXT, NULL, NULL}},
+    {OPTION_CACHE, ~0u, {COMPLETION_FILE, NULL, ""}},
+    {OPTION_DISK_CACHE_SIZE, ~0u, {COMPLETION_TEXT, NULL, NULL}},
     {OPTION_MEMORY, ~0u, {COMPLETION_TEXT, NULL, NULL}},
 };
 
-/* The endings of a command's first operand, and of those that follow; NULL: nothing is offered. */
+/* The endings of a command's first operand, and of those that follow, or the names of the only one. */
 static const struct {
-    const char *first, *others;
+    const char *first, *others; /* NULL: no files are offered */
+    const struct name_value *names; /* NULL: none are offered */
 } operands[COMMAND_COUNT] = {
-    [COMMAND_BUILD] = {scene_endings, scene_endings},
-    [COMMAND_CHECK] = {built_endings, scene_endings},
-    [COMMAND_INSPECT] = {"*.as *.bvhd *.probe", NULL},
-    [COMMAND_TRACE] = {built_endings, scene_endings},
+    [COMMAND_BUILD] = {scene_endings, scene_endings, NULL},  [COMMAND_CHECK] = {built_endings, scene_endings, NULL},
+    [COMMAND_INSPECT] = {"*.as *.bvhd *.probe", NULL, NULL}, [COMMAND_TRACE] = {built_endings, scene_endings, NULL},
+    [COMMAND_CACHE] = {NULL, NULL, cache_action_names},
 };
 
 const struct completion_row *completion_of(const struct option_row *option)
@@ -163,6 +165,9 @@ static void offer_operands(const struct line *line, const char *word)
             offer(word, 0, command_rows[i].name, command_rows[i].purpose);
         else if (line->command == 1u << i && endings && is_more)
             printf(":files %s\n", endings);
+        bool takes_name = line->command == 1u << i && is_more;
+        for (const struct name_value *name = operands[i].names; takes_name && name && name->name; name++)
+            offer(word, 0, name->name, "");
     }
 }
 

@@ -217,6 +217,12 @@ static enum bvhd_status apply_text(int value, const char *text, struct options *
     case OPTION_DEVICE:
         options->device = text;
         break;
+    case OPTION_CACHE:
+        options->cache = text;
+        break;
+    case OPTION_NO_CACHE:
+        options->no_cache = true;
+        break;
     case 'q':
         options->volume = REPORT_ERRORS;
         break;
@@ -259,6 +265,9 @@ static enum bvhd_status apply(int value, const char *text, struct options *optio
         return number_read32("--threads", text, (struct number_range){1, 1024, false}, &options->threads, error);
     case OPTION_MEMORY:
         return number_read("--memory", text, (struct number_range){1, UINT64_MAX, true}, &options->memory, error);
+    case OPTION_DISK_CACHE_SIZE:
+        return number_read("--disk-cache-size", text, (struct number_range){0, UINT64_MAX, true},
+                           &options->disk_cache_size, error);
     case OPTION_TIME:
         return parse_time(text, &options->seconds, error);
     case OPTION_COUNT:
@@ -347,6 +356,21 @@ static enum bvhd_status complete_target(struct options *options, struct bvhd_err
     return BVHD_OK;
 }
 
+/* Checks the options about the cache on disk, and reads what `bvhctl cache` is to do. */
+static enum bvhd_status complete_cache(struct options *options, struct bvhd_error *error)
+{
+    uint32_t action = 0;
+    if (options->cache && !*options->cache)
+        return usage(error, "--cache", "an empty name", "");
+    if (options->cache && options->no_cache)
+        return usage(error, "--cache", "makes no sense together with --no-cache", "");
+    if (options->command != COMMAND_CACHE)
+        return BVHD_OK;
+    enum bvhd_status status = parse_name("cache", cache_action_names, options->operands[0], &action, error);
+    options->cache_action = (enum cache_action)action;
+    return status;
+}
+
 static enum bvhd_status check_complete(const struct options *options, struct bvhd_error *error)
 {
     const struct command_row *row = &command_rows[options->command];
@@ -382,6 +406,7 @@ enum bvhd_status options_parse(int argc, char **argv, struct options *ret_option
         .geometry_flags = GEOMETRY_OPAQUE,
         .memory = UINT64_MAX,
         .connect_timeout_ms = 5000,
+        .disk_cache_size = UINT64_C(10) << 30,
         .volume = REPORT_RESULTS,
         .interval = 2,
         .seed = 1,
@@ -406,6 +431,8 @@ enum bvhd_status options_parse(int argc, char **argv, struct options *ret_option
             status = check_complete(&options, error);
         if (!status && options.command < COMMAND_COUNT)
             status = complete_target(&options, error);
+        if (!status && options.command < COMMAND_COUNT)
+            status = complete_cache(&options, error);
     }
     if (!status)
         *ret_options = options;

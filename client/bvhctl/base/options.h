@@ -20,12 +20,16 @@ enum command {
     COMMAND_TOP,
     COMMAND_PING,
     COMMAND_STOP,
+    COMMAND_CACHE,
     COMMAND_DEVICES,
     COMMAND_PROBE,
     COMMAND_COUNT,
     COMMAND_HELP,
     COMMAND_VERSION
 };
+
+/* What `bvhctl cache` does. */
+enum cache_action { CACHE_SHOW, CACHE_TRIM, CACHE_CLEAR };
 
 struct bvhd_format;
 
@@ -62,6 +66,11 @@ struct options {
     bool all; /* clients: refuse rather than leave out what this user may not see */
     uint32_t count; /* top: how often to look; 0: until it is interrupted */
     double interval; /* top: seconds between two looks */
+
+    const char *cache; /* the directory of the cache on disk; NULL: not given */
+    bool no_cache;
+    uint64_t disk_cache_size; /* bytes */
+    enum cache_action cache_action;
 
     uint64_t seed;
     bool flip_order;

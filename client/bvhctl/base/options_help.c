@@ -4,7 +4,7 @@
 
 #include "client/bvhctl/base/options_table.h"
 
-enum { COLUMNS = 80, OPTION_WIDTH = 28, COMMAND_WIDTH = 37 };
+enum { COLUMNS = 80, OPTION_WIDTH = 30, COMMAND_WIDTH = 37 };
 
 /* Prints a text from column `indent` on, in lines of at most 80 columns. The cursor is in that column already. */
 static void print_wrapped(const char *text, int indent)

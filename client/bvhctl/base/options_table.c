@@ -57,6 +57,17 @@ const struct option_row option_rows[] = {
      "number of threads of this process (default: one for each processor); a daemon has its own"},
     {"memory", OPTION_MEMORY, "BYTES", ON_SCENES,
      "limit for geometry and results, beyond which the command fails; K, M, G may follow the number"},
+    {"cache", OPTION_CACHE, "DIR", ON_BUILD,
+     "keep results in this directory, with --local or by the private daemon that is started (default: "
+     "$XDG_CACHE_HOME/bvhd, without that variable ~/.cache/bvhd)"},
+    {"cache", OPTION_CACHE, "DIR", ON_CACHE,
+     "the directory (default: $XDG_CACHE_HOME/bvhd, without that variable ~/.cache/bvhd)"},
+    {"no-cache", OPTION_NO_CACHE, NULL, ON_BUILD,
+     "keep no results on disk and use none, with --local or by the private daemon that is started"},
+    {"disk-cache-size", OPTION_DISK_CACHE_SIZE, "BYTES", ON_BUILD,
+     "the most that the directory holds (default 10G); K, M, G may follow the number"},
+    {"disk-cache-size", OPTION_DISK_CACHE_SIZE, "BYTES", ON_CACHE,
+     "trim: the most that is left (default 10G); K, M, G may follow the number"},
     {"json", OPTION_JSON, NULL, ON_ALL | ON_MAIN, "print the result as one JSON object"},
     {"local", OPTION_LOCAL, NULL, ON_BUILD | ON_MAIN, "build in this process, without a daemon"},
     {"socket", OPTION_SOCKET, "PATH", ON_BUILD | ON_MAIN,
@@ -90,6 +101,8 @@ const struct command_row command_rows[COMMAND_COUNT] = {
     [COMMAND_TOP] = {"top", "", "watch what the daemon does, and for whom", 0, 0},
     [COMMAND_PING] = {"ping", "", "ask whether a daemon answers", 0, 0},
     [COMMAND_STOP] = {"stop", "", "end your private daemon, or the one on --socket", 0, 0},
+    [COMMAND_CACHE] = {"cache", "show|trim|clear",
+                       "say what is kept on disk, remove what was not used for long, or all", 1, 1},
     [COMMAND_DEVICES] = {"devices", "", "list the Vulkan devices of this machine, and what they load", 0, 0},
     [COMMAND_PROBE] = {"probe", "--device NAME -o FILE",
                        "find out what a device loads, for builds on machines without it", 0, 0},
@@ -128,5 +141,8 @@ const struct name_value target_names[] = {
 };
 
 const struct name_value axis_names[] = {{"auto", 0}, {"x", 'x'}, {"y", 'y'}, {"z", 'z'}, {NULL, 0}};
+
+const struct name_value cache_action_names[] = {
+    {"show", CACHE_SHOW}, {"trim", CACHE_TRIM}, {"clear", CACHE_CLEAR}, {NULL, 0}};
 
 const struct name_value device_names[] = {{"cpu", 0}, {"auto", 0}, {NULL, 0}};

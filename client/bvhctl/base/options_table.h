@@ -20,13 +20,14 @@ enum {
 enum { ON_GET = 1 << COMMAND_GET, ON_STATS = 1 << COMMAND_STATS, ON_PING = 1 << COMMAND_PING };
 enum { ON_CLIENTS = 1 << COMMAND_CLIENTS, ON_TOP = 1 << COMMAND_TOP };
 enum { ON_STOP = 1 << COMMAND_STOP, ON_DEVICES = 1 << COMMAND_DEVICES, ON_PROBE = 1 << COMMAND_PROBE };
+enum { ON_CACHE = 1 << COMMAND_CACHE };
 enum {
     ON_SCENES = ON_BUILD | ON_CHECK | ON_INSPECT | ON_TRACE,
     ON_QUERIES = ON_GET | ON_STATS | ON_CLIENTS | ON_TOP | ON_PING |
                  ON_STOP, /* commands that need a daemon, and never start one */
-    ON_ALL = ON_SCENES | ON_QUERIES | ON_DEVICES | ON_PROBE,
+    ON_ALL = ON_SCENES | ON_QUERIES | ON_DEVICES | ON_PROBE | ON_CACHE,
     ON_SERVICE = ON_BUILD | ON_QUERIES, /* commands that may connect to a daemon */
-    ON_ALONE = ON_CHECK | ON_INSPECT | ON_TRACE | ON_DEVICES | ON_PROBE, /* commands that never do */
+    ON_ALONE = ON_CHECK | ON_INSPECT | ON_TRACE | ON_DEVICES | ON_PROBE | ON_CACHE, /* commands that never do */
     ON_OUTPUT = ON_BUILD | ON_TRACE | ON_GET | ON_PROBE,
     ON_MAIN = 1 << COMMAND_COUNT,
 };
@@ -50,6 +51,9 @@ enum {
     OPTION_RAYS,
     OPTION_THREADS,
     OPTION_MEMORY,
+    OPTION_CACHE,
+    OPTION_NO_CACHE,
+    OPTION_DISK_CACHE_SIZE,
     OPTION_TIME,
     OPTION_SEED,
     OPTION_FLIP_ORDER,
@@ -93,7 +97,7 @@ struct name_value {
 
 /* They end with a name that is NULL. */
 extern const struct name_value build_flag_names[], geometry_flag_names[], layout_flag_names[], quality_names[],
-    target_names[], axis_names[];
+    target_names[], axis_names[], cache_action_names[];
 
 /* The names of --device besides those of devices. The first is for pictures only. */
 extern const struct name_value device_names[];

@@ -5,6 +5,7 @@
 
 #include "builder/batch.h"
 #include "builder/workers.h"
+#include "client/bvhctl/service/local_cache.h"
 #include "client/format.h"
 #include "client/vulkan_input.h"
 
@@ -57,7 +58,9 @@ static void copy_result(const struct batch_item *item, enum target target, struc
         .error = item->error,
         .data = item->blob,
         .size = item->size,
-        .origin = item->coalesced ? BVHD_ORIGIN_COALESCED : BVHD_ORIGIN_BUILT,
+        .origin = item->coalesced ? BVHD_ORIGIN_COALESCED
+                  : item->cached  ? BVHD_ORIGIN_DISK
+                                  : BVHD_ORIGIN_BUILT,
         .prepare_ms = item->prepare_ms,
         .build_ms = item->build_ms,
         .primitives = stats->primitives,
@@ -70,7 +73,7 @@ static void copy_result(const struct batch_item *item, enum target target, struc
         .peak_bytes = item->peak_bytes,
         .depth = stats->depth,
         .sah = stats->sah,
-        .original_build_ms = item->build_ms,
+        .original_build_ms = item->original_build_ms,
         .method = stats->method,
         .target = (enum bvhd_target)target,
         .quality = (enum bvhd_quality)stats->quality,
@@ -94,7 +97,7 @@ static void copy_results(const struct hold *hold, const struct bvhd_error *error
     }
 }
 
-static enum bvhd_status build_items(const struct backend_local *local, const struct bvhd_build *build,
+static enum bvhd_status build_items(struct backend_local *local, const struct bvhd_build *build,
                                     const struct build_options *options, const struct reference *references,
                                     struct bvhd_error *errors, struct hold *hold, struct bvhd_error *error)
 {
@@ -103,11 +106,15 @@ static enum bvhd_status build_items(const struct backend_local *local, const str
     memset(errors, 0, build->info_count * sizeof *errors);
     enum bvhd_status status = vulkan_input_create(build->infos, build->info_count, build->ranges, references,
                                                   build->reference_count, options, &input, errors);
-    if (status != BVHD_OK)
+    if (status != BVHD_OK) {
         *error = errors[0];
-    else
-        status =
-            batch_build(vulkan_input_entries(input), build->info_count, &limits, &local->context, hold->items, error);
+    } else {
+        const struct batch_call call = {.inputs = vulkan_input_entries(input),
+                                        .count = build->info_count,
+                                        .limits = &limits,
+                                        .cache = local_cache_of(local->cache)};
+        status = batch_run(&call, &local->context, hold->items, error);
+    }
     vulkan_input_destroy(input);
     return status;
 }
@@ -115,7 +122,7 @@ static enum bvhd_status build_items(const struct backend_local *local, const str
 static enum bvhd_status build_here(struct backend *backend, const struct bvhd_build *build,
                                    struct bvhd_result *ret_results, void **ret_hold, struct bvhd_error *error)
 {
-    const struct backend_local *local = (const struct backend_local *)backend;
+    struct backend_local *local = (struct backend_local *)backend;
     struct memory *memory = local->context.memory;
     struct build_options options;
     enum bvhd_status status = format_options(build, &options, error);
@@ -158,8 +165,15 @@ enum bvhd_status backend_local_open(struct backend_local *local, uint32_t thread
     return BVHD_OK;
 }
 
+enum bvhd_status backend_local_use_cache(struct backend_local *local, const struct options *options,
+                                         struct bvhd_error *error)
+{
+    return local_cache_open(options, local->context.parallel, &local->cache, error);
+}
+
 void backend_local_close(struct backend_local *local)
 {
+    local_cache_close(local->cache);
     workers_destroy(local->workers);
     *local = (struct backend_local){0};
 }

@@ -3,16 +3,19 @@
 #ifndef BVHCTL_BACKEND_LOCAL_H
 #define BVHCTL_BACKEND_LOCAL_H
 
-#include "client/bvhctl/service/backend.h"
 #include "builder/context.h"
 #include "client/bvhctl/base/progress.h"
+#include "client/bvhctl/service/backend.h"
 
+struct local_cache;
+struct options;
 struct workers;
 
 struct backend_local {
     struct backend backend;
     struct build_context context;
     struct workers *workers;
+    struct local_cache *cache; /* NULL: every result is built */
 };
 
 /*
@@ -23,7 +26,11 @@ struct backend_local {
 enum bvhd_status backend_local_open(struct backend_local *local, uint32_t threads, struct memory *memory,
                                     struct progress *progress, struct bvhd_error *error);
 
-/* All results must have been released before. A zeroed struct is allowed. */
+/* Takes results from the cache on disk that `options` name, and keeps them there. Errors: see local_cache_open. */
+enum bvhd_status backend_local_use_cache(struct backend_local *local, const struct options *options,
+                                         struct bvhd_error *error);
+
+/* Writes what the cache is to keep. All results must have been released before. A zeroed struct is allowed. */
 void backend_local_close(struct backend_local *local);
 
 #endif

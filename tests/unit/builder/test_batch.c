@@ -184,6 +184,91 @@ static void progress_counts_all_items(void **state)
     batch_finish(f.items, ITEMS, &f.memory);
 }
 
+/* A cache in memory. */
+struct memory_cache {
+    struct batch_cache cache;
+    uint32_t count, hits;
+    struct key keys[ITEMS];
+    unsigned char *blobs[ITEMS];
+    struct summary summaries[ITEMS];
+    bool changes_target; /* what it returns is not what was asked for */
+};
+
+static bool cache_get(struct batch_cache *batch, const struct key *key, struct memory *memory, unsigned char **ret_blob,
+                      struct summary *ret_summary)
+{
+    struct memory_cache *cache = (struct memory_cache *)batch;
+    for (uint32_t i = 0; i < cache->count; i++) {
+        uint64_t size = cache->summaries[i].stats.sizes.total;
+        if (!key_equal(key, &cache->keys[i]))
+            continue;
+        *ret_blob = memory_alloc(memory, size);
+        memcpy(*ret_blob, cache->blobs[i], size);
+        *ret_summary = cache->summaries[i];
+        if (cache->changes_target)
+            ret_summary->target = TARGET_LAVAPIPE;
+        cache->hits++;
+        return true;
+    }
+    return false;
+}
+
+static void cache_put(struct batch_cache *batch, const struct key *key, const unsigned char *blob,
+                      const struct summary *summary)
+{
+    struct memory_cache *cache = (struct memory_cache *)batch;
+    uint64_t size = summary->stats.sizes.total;
+    assert_true(cache->count < ITEMS);
+    cache->keys[cache->count] = *key;
+    cache->blobs[cache->count] = memcpy(malloc(size), blob, size);
+    cache->summaries[cache->count++] = *summary;
+}
+
+static void run_cached(struct memory_cache *cache, struct fixture *f)
+{
+    fill(f);
+    const struct batch_call call = {f->inputs, ITEMS, &f->limits, &cache->cache};
+    assert_int_equal(batch_run(&call, &f->context, f->items, NULL), BVHD_OK);
+}
+
+static void a_cache_keeps_results_and_no_errors(void **state)
+{
+    (void)state;
+    struct memory_cache cache = {.cache = {cache_get, cache_put}};
+    struct fixture first, second;
+    run_cached(&cache, &first);
+    assert_int_equal(cache.count, 4);
+    assert_int_equal(cache.hits, 0);
+    run_cached(&cache, &second);
+    assert_int_equal(cache.count, 4);
+    assert_int_equal(cache.hits, 4);
+    for (int i = 0; i < ITEMS; i++) {
+        const struct batch_item *built = &first.items[i], *taken = &second.items[i];
+        assert_int_equal(built->status, taken->status);
+        assert_false(built->cached);
+        assert_int_equal(taken->cached, taken->status == BVHD_OK && !taken->coalesced);
+        if (built->status != BVHD_OK)
+            continue;
+        assert_int_equal(built->size, taken->size);
+        assert_memory_equal(built->blob, taken->blob, built->size);
+        assert_true(taken->build_ms == 0 && taken->original_build_ms == built->original_build_ms);
+        assert_int_equal(built->stats.primitives, taken->stats.primitives);
+    }
+    batch_finish(first.items, ITEMS, &first.memory);
+    batch_finish(second.items, ITEMS, &second.memory);
+    assert_int_equal(atomic_load(&second.memory.live), 0);
+    cache.changes_target = true;
+    while (cache.count > 1)
+        free(cache.blobs[--cache.count]);
+    run_cached(&cache, &second);
+    assert_false(second.items[0].cached);
+    assert_int_equal(cache.count, 5);
+    batch_finish(second.items, ITEMS, &second.memory);
+    assert_int_equal(atomic_load(&second.memory.live), 0);
+    for (uint32_t i = 0; i < 5; i++)
+        free(cache.blobs[i]);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -193,6 +278,7 @@ int main(void)
         cmocka_unit_test(failing_allocations_hit_one_item),
         cmocka_unit_test(progress_counts_all_items),
         cmocka_unit_test(peaks_are_of_one_item),
+        cmocka_unit_test(a_cache_keeps_results_and_no_errors),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
