@@ -19,7 +19,7 @@ struct client {
     uv_poll_t poll;
     uv_timer_t timer;
     unsigned handles; /* of poll and timer, that are not closed yet; the last one frees the struct */
-    char request[METRICS_REQUEST + 1];
+    char request[METRICS_REQUEST];
     size_t received;
     bool answering;
     char head[HEAD_SIZE];
@@ -68,27 +68,33 @@ static void refuse(struct client *client, const char *status)
     make_head(client, status, "text/plain");
 }
 
-/* Returns whether the request's first line is for this path, with or without a query. */
-static bool is_for(const char *line, const char *method, const char *path)
+static void answer_text(struct client *client)
 {
-    size_t first = strlen(method), second = strlen(path);
-    return !strncmp(line, method, first) && line[first] == ' ' && !strncmp(line + first + 1, path, second) &&
-           (line[first + 1 + second] == ' ' || line[first + 1 + second] == '?');
+    const struct metrics_options *options = &client->metrics->options;
+    client->body = options->text(options->context, options->memory, &client->body_size);
+    if (client->body)
+        make_head(client, "200 OK", "text/plain; version=0.0.4; charset=utf-8");
+    else
+        refuse(client, "503 Service Unavailable");
 }
 
 static void answer(struct client *client)
 {
-    const struct metrics_options *options = &client->metrics->options;
-    if (strncmp(client->request, "GET ", 4) != 0) {
-        refuse(client, "405 Method Not Allowed");
-    } else if (!is_for(client->request, "GET", "/metrics")) {
+    switch (metrics_request_read(client->request, client->received)) {
+    case METRICS_FOUND:
+        answer_text(client);
+        break;
+    case METRICS_NOT_FOUND:
         refuse(client, "404 Not Found");
-    } else {
-        client->body = options->text(options->context, options->memory, &client->body_size);
-        if (client->body)
-            make_head(client, "200 OK", "text/plain; version=0.0.4; charset=utf-8");
-        else
-            refuse(client, "503 Service Unavailable");
+        break;
+    case METRICS_NOT_ALLOWED:
+        refuse(client, "405 Method Not Allowed");
+        break;
+    case METRICS_TOO_LONG:
+        refuse(client, "431 Request Header Fields Too Large");
+        break;
+    case METRICS_INCOMPLETE:
+        break;
     }
 }
 
@@ -112,12 +118,6 @@ static bool send_answer(struct client *client)
 
 /* ---- the request ---- */
 
-/* A request ends with an empty line. A NUL in it ends it for our purposes, too. */
-static bool is_complete(const struct client *client)
-{
-    return strstr(client->request, "\r\n\r\n") || strstr(client->request, "\n\n");
-}
-
 /* Reads once. Returns false when the client is gone. */
 static bool receive(struct client *client)
 {
@@ -126,11 +126,7 @@ static bool receive(struct client *client)
     if (size < 0)
         return errno == EAGAIN || errno == EWOULDBLOCK || errno == EINTR;
     client->received += (size_t)size;
-    client->request[client->received] = 0;
-    if (is_complete(client))
-        answer(client);
-    else if (client->received == METRICS_REQUEST)
-        refuse(client, "431 Request Header Fields Too Large");
+    answer(client);
     return size > 0;
 }
 

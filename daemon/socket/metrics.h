@@ -13,12 +13,13 @@
 #include <uv.h>
 
 #include "daemon/socket/listen.h"
+#include "daemon/socket/metrics_request.h"
 #include "daemon/system/descriptors.h"
 #include "daemon/system/log.h"
 #include "proto/base/list.h"
 #include "proto/base/memory.h"
 
-enum { METRICS_REQUEST = 4096, METRICS_CLIENTS = 8, METRICS_MS = 5000 };
+enum { METRICS_CLIENTS = 8, METRICS_MS = 5000 };
 
 /* What a server needs; the pointers must outlive it. */
 struct metrics_options {

@@ -262,6 +262,26 @@ expect "a heading and the asker: $(cat out)" grep -Eq "^ +[0-9]+  $(id -un | cut
 run 0 --socket "$s" clients --all --json
 one_json_object
 expect "the asker: $(cat out)" grep -q '"total":1,"hidden":0,"clients":\[{"connection":' out
+
+# Another user sees nobody but itself. That takes root, and a folder that others may enter.
+chmod 711 "$scratch"
+chmod 666 "$s"
+as_other="setpriv --reuid=65534 --regid=65534 --clear-groups"
+if [ "$(id -u)" = 0 ] && $as_other test -x "$bvhctl" 2>/dev/null; then
+    "$bvhctl" --socket "$s" top --interval 60 >/dev/null 2>&1 &
+    watcher=$!
+    expect 'there is another client' within 20 counter_is "$s" connections 2
+    $as_other "$bvhctl" --socket "$s" clients --json >out 2>err
+    expect "it sees one: $(cat out err)" grep -Eq '"total":2,"hidden":1,"clients":\[\{[^}]*"uid":65534,[^}]*\}\]' out
+    $as_other "$bvhctl" --socket "$s" clients --all >out 2>err
+    expect "it may not see all" [ $? -eq 1 ]
+    says 'clients: only root and the user whom the daemon runs as (uid 0) may do this, not uid 65534'
+    kill "$watcher"
+    wait "$watcher" 2>/dev/null
+else
+    echo "other users were not tried: that needs root, and a build that others may run"
+fi
+chmod 700 "$scratch"
 run 0 --socket "$s" top --count 3 --interval 0.05
 expect 'three pages' [ "$(grep -c '^bvhd  ' out)" -eq 3 ]
 expect 'two of them have rates' [ "$(grep -c '^rates  ' out)" -eq 2 ]
