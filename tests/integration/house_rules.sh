@@ -153,7 +153,7 @@ written()
     find client tests -type f | grep -E '\.(glsl|comp|rgen|rmiss|rchit|rahit|rint)$'
     find . -path ./build -prune -o \( -name '*.sh' -o -name meson.build \) -print | sed 's|^\./||'
     find . -maxdepth 1 \( -name check -o -name demo \) | sed 's|^\./||'
-    find . -path './debian/*' \( -name rules -o -name '*.p*' \) | sed 's|^\./||'
+    find . -maxdepth 2 -path './debian/*' \( -name rules -o -name '*.p*' \) | sed 's|^\./||'
 }
 
 check_files()
@@ -194,10 +194,11 @@ check_headers()
     done
 }
 
-# Markdown files, beside what builds write.
+# Markdown files, without what builds write.
 documents()
 {
-    find . \( -path ./build -o -path ./.git \) -prune -o -name '*.md' -print | sed 's|^\./||' | sort
+    find . \( -path ./build -o -path ./.git -o -path './debian/*/*' \) -prune -o -name '*.md' -print |
+        sed 's|^\./||' | sort
 }
 
 # "file|DOCUMENT|TARGET" for each relative link of the documents, and "line|COMPLAINT" for each line of prose that is
