@@ -88,8 +88,9 @@ enum bvhd_status store_get(struct store *store, const struct key *key, struct st
 
 /*
  * Writes an entry, and trims the store before that if there is no room for it. An entry of the same key is replaced.
- * After a failure nothing of it is left: BVHD_TOO_LARGE when the entry would exceed an eighth of the budget,
- * BVHD_IO (also when the disk is full, which changes nothing for the entries that are there), BVHD_NO_MEMORY.
+ * After a failure it is not there, or whole if only its folder could not be synced: BVHD_TOO_LARGE when the entry would
+ * exceed an eighth of the budget, BVHD_IO (also when the disk is full, which changes nothing for the entries that are
+ * there), BVHD_NO_MEMORY.
  */
 enum bvhd_status store_put(struct store *store, const struct store_entry *entry, const void *payload,
                            struct bvhd_error *error);

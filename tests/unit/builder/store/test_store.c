@@ -62,12 +62,61 @@ static void every_allocation_may_fail(void **state)
     }
 }
 
+enum { THREADS = 4, ROUNDS = 150, SHARED = 20 };
+
+static _Atomic uint32_t wrong;
+
+/* Reads, writes and trims entries that other threads read, write and trim. Assertions are for the main thread only. */
+static void *use(void *seed)
+{
+    struct random random = {(uintptr_t)seed};
+    struct bvhd_error error;
+    for (int round = 0; round < ROUNDS; round++) {
+        uint32_t number = (uint32_t)(random_next(&random) % SHARED);
+        enum bvhd_status status;
+        switch (random_next(&random) % 8) {
+        case 0:
+            status = store_trim_to(bed_store, 10 * 4096, &error);
+            break;
+        case 1:
+            status = store_scan(bed_store, &error);
+            break;
+        case 2:
+        case 3:
+            status = bed_try_put(number, 1000 + 100 * number, &error);
+            break;
+        default:
+            status = bed_get(number, &error);
+        }
+        if (status != BVHD_OK && status != BVHD_NOT_FOUND)
+            atomic_fetch_add(&wrong, 1);
+    }
+    return NULL;
+}
+
+static void threads_share_a_store(void **state)
+{
+    (void)state;
+    pthread_t threads[THREADS];
+    for (uintptr_t i = 0; i < THREADS; i++)
+        assert_int_equal(pthread_create(&threads[i], NULL, use, (void *)(i + 1)), 0);
+    for (int i = 0; i < THREADS; i++)
+        assert_int_equal(pthread_join(threads[i], NULL), 0);
+    assert_int_equal(wrong, 0);
+    assert_int_equal(store_state(bed_store).damaged, 0);
+    assert_int_equal(store_state(bed_store).write_errors, 0);
+    struct bvhd_error error;
+    assert_int_equal(store_scan(bed_store, &error), BVHD_OK);
+    assert_int_equal(bed_files(), store_state(bed_store).entries);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(entries_come_back, bed_begin, bed_end),
         cmocka_unit_test_setup_teardown(a_missing_entry_is_not_found, bed_begin, bed_end),
         cmocka_unit_test_setup_teardown(an_entry_is_replaced, bed_begin, bed_end),
+        cmocka_unit_test_setup_teardown(threads_share_a_store, bed_begin, bed_end),
         cmocka_unit_test_setup_teardown(every_allocation_may_fail, bed_begin, bed_end),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
