@@ -6,6 +6,7 @@
 #include <poll.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <sys/fsuid.h>
 #include <sys/mman.h>
 #include <sys/socket.h>
 #include <sys/uio.h>
@@ -47,6 +48,24 @@ bool raw_connect(struct raw_client *client, const char *path)
         return true;
     raw_close(client);
     return false;
+}
+
+bool raw_can_be_others(void)
+{
+    return geteuid() == 0 && setresuid((uid_t)-1, 1, (uid_t)-1) == 0 && setresuid((uid_t)-1, 0, (uid_t)-1) == 0;
+}
+
+/* The kernel notes the effective user in connect(), while files are opened as the user of the file system. */
+bool raw_connect_as(struct raw_client *client, const char *path, unsigned uid)
+{
+    uid_t self = geteuid();
+    if (setresuid((uid_t)-1, uid, (uid_t)-1) != 0)
+        fail("setresuid");
+    setfsuid(self);
+    bool connected = raw_connect(client, path);
+    if (setresuid((uid_t)-1, self, (uid_t)-1) != 0)
+        fail("setresuid");
+    return connected;
 }
 
 void raw_close(struct raw_client *client)

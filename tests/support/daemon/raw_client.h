@@ -23,6 +23,12 @@ struct raw_client {
 /* Connects, but does not send HELLO. Returns false when nobody listens or the connection is refused. */
 bool raw_connect(struct raw_client *client, const char *path);
 
+/* Returns whether this process may connect as other users: only root may. */
+bool raw_can_be_others(void);
+
+/* Connects as another user, as the daemon sees it. The process has to be allowed to. */
+bool raw_connect_as(struct raw_client *client, const char *path, unsigned uid);
+
 /* Sends HELLO and receives WELCOME. Ends the program when none comes. */
 void raw_hello(struct raw_client *client);
 

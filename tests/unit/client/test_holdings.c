@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* test_holdings.c - tests that a client tells the daemon which results it has released, and holds no more than it may. */
+/* test_holdings.c - tests that a client says which results it has released, and holds no more than it may. */
 #include "tests/support/unit.h"
 
 #include "tests/support/client/client_bed.h"

@@ -1,0 +1,421 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * hostile_users.c - tests that a user with many connections, or one that reads nothing, takes no more than one user's
+ * share: of memory for payloads and results, of pools, of the daemon's own memory, of threads.
+ *
+ *     hostile_users BVHD [CASE...]
+ *     hostile_users BVHD figure       100 stalled clients, 2,000 idle connections, 500 busy ones of one user: how long
+ *                                     another user's small builds take, beside how long they take on a quiet daemon
+ *
+ * As root it connects as several users. Otherwise all connections are of one user, and the cases that need more are
+ * left out, with a message.
+ */
+#include <fcntl.h>
+#include <poll.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <sys/mman.h>
+#include <sys/prctl.h>
+#include <sys/resource.h>
+#include <sys/socket.h>
+#include <sys/wait.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "tests/support/daemon/hostile.h"
+
+enum { MIB = 1 << 20, GREEDY = 1001, MODEST = 1002, PATIENCE_MS = 60000, SOON_MS = 5000, MOST_CONNECTIONS = 3000 };
+
+static struct hostile hostile;
+
+static void sleep_ms(long ms)
+{
+    nanosleep(&(struct timespec){ms / 1000, ms % 1000 * 1000000}, NULL);
+}
+
+static void connect_as(struct raw_client *client, unsigned uid)
+{
+    bool connected = raw_can_be_others() ? raw_connect_as(client, hostile.service.socket, uid)
+                                         : raw_connect(client, hostile.service.socket);
+    if (!connected) {
+        fputs("the daemon is gone\n", stderr);
+        exit(1);
+    }
+    raw_hello(client);
+}
+
+/*
+ * Requests `count` boxes, which are all the same one, of a payload of `size` bytes inside the frame. What is built
+ * differs with the seed.
+ */
+static void ask(struct raw_client *client, uint32_t count, uint32_t seed, uint64_t size)
+{
+    static unsigned char payload[FRAME_MAX_INLINE];
+    struct geometry_row row = {
+        .type = GEOMETRY_AABBS, .primitive_count = count, .data = {ROWS_GEOMETRY_SIZE, 6 * sizeof(float)}};
+    float box[6] = {0, 0, 0, 1, 1, 1 + (float)seed};
+    memcpy(payload, &row, sizeof row);
+    memcpy(payload + sizeof row, box, sizeof box);
+    struct control_item item = raw_item(0, size, SOURCE_INLINE);
+    raw_build(client, &item, 1, (struct bytes){payload, size}, NULL, NULL, 0);
+}
+
+enum { LEAST_PAYLOAD = ROWS_GEOMETRY_SIZE + 6 * sizeof(float) };
+
+/* Receives the next RESULT or BUSY. Returns the status, BVHD_BUSY for BUSY, BVHD_UNAVAILABLE for nothing. */
+static enum bvhd_status answer(struct raw_client *client, int timeout_ms)
+{
+    struct frame frame;
+    for (;;) {
+        if (!raw_receive(client, timeout_ms, &frame, NULL))
+            return BVHD_UNAVAILABLE;
+        for (int i = 0; i < frame.header.descriptors; i++)
+            close(frame.descriptors[i]);
+        if (frame.header.type == FRAME_BUSY)
+            return BVHD_BUSY;
+        if (frame.header.type != FRAME_RESULT)
+            continue;
+        struct control_result *result = raw_result(client, &frame);
+        enum bvhd_status status = result ? result->error.status : BVHD_CORRUPT;
+        memory_free(&client->memory, result);
+        return status;
+    }
+}
+
+/* A small build of another user is answered soon. */
+static void serves_the_modest(const char *when, uint32_t seed)
+{
+    struct raw_client client;
+    connect_as(&client, MODEST);
+    double begin = hostile_now();
+    ask(&client, 100, seed, LEAST_PAYLOAD);
+    enum bvhd_status status = answer(&client, PATIENCE_MS);
+    double took = hostile_now() - begin;
+    hostile_expect(status == BVHD_OK, "%s: another user gets %s", when, bvhd_status_name(status));
+    hostile_expect(took < SOON_MS, "%s: another user waits %.0f ms", when, took);
+    printf("%s: another user is served in %.1f ms\n", when, took);
+    raw_close(&client);
+}
+
+/* Builds that fit into the budget one by one fit together, too: each ends, in the worst case one after the other. */
+static void case_giants(void)
+{
+    enum { CLIENTS = 4, EACH = 3, BOXES = 300000 };
+    struct raw_client clients[CLIENTS];
+    for (uint32_t i = 0; i < CLIENTS; i++)
+        connect_as(&clients[i], GREEDY + i);
+    for (uint32_t k = 0; k < CLIENTS * EACH; k++)
+        ask(&clients[k % CLIENTS], BOXES, k, LEAST_PAYLOAD);
+    for (uint32_t k = 0; k < CLIENTS * EACH; k++) {
+        enum bvhd_status status = answer(&clients[k % CLIENTS], PATIENCE_MS);
+        hostile_expect(status == BVHD_OK, "build %u: %s", k, bvhd_status_name(status));
+    }
+    for (int i = 0; i < CLIENTS; i++)
+        raw_close(&clients[i]);
+}
+
+/* One user fills its share of payloads inside frames, with items that have to wait for memory. */
+static void case_inline(void)
+{
+    enum { CLIENTS = 16, EACH = 40 };
+    static struct raw_client clients[CLIENTS];
+    for (int i = 0; i < CLIENTS; i++)
+        connect_as(&clients[i], GREEDY);
+    for (uint32_t k = 0; k < CLIENTS * EACH; k++)
+        ask(&clients[k % CLIENTS], 250000, k, FRAME_MAX_INLINE);
+    for (uint32_t k = 0; k < 5; k++)
+        serves_the_modest("payloads fill frames", k);
+    for (int i = 0; i < CLIENTS; i++)
+        raw_close(&clients[i]);
+}
+
+static bool gets_pool(struct raw_client *client, uint64_t size)
+{
+    struct control_pool message = {size};
+    struct frame frame;
+    int descriptor = memfd_create("pool", MFD_CLOEXEC | MFD_ALLOW_SEALING);
+    if (descriptor < 0 || ftruncate(descriptor, (off_t)size) ||
+        fcntl(descriptor, F_ADD_SEALS, F_SEAL_SHRINK | F_SEAL_GROW))
+        exit(1);
+    struct raw_frame request = {.header = {.type = FRAME_POOL, .request = ++client->last_request, .descriptors = 1},
+                                .descriptors = &descriptor,
+                                .descriptor_count = 1};
+    control_pack_pool(&message, &client->memory, &request.control, NULL);
+    bool answered = raw_send_frame(client, &request) && raw_receive(client, PATIENCE_MS, &frame, NULL);
+    memory_free(&client->memory, (void *)(uintptr_t)request.control.data);
+    close(descriptor);
+    return answered && frame.header.type == FRAME_DONE;
+}
+
+/* Idle connections of one user hold pools; another user gets one, too. */
+static void case_pools(void)
+{
+    enum { CLIENTS = 32 };
+    static struct raw_client clients[CLIENTS];
+    struct raw_client other;
+    int count = 0;
+    for (int i = 0; i < CLIENTS; i++) {
+        connect_as(&clients[i], GREEDY);
+        for (uint64_t size = 16 * MIB; size >= MIB; size /= 2)
+            if (gets_pool(&clients[i], size)) {
+                count++;
+                break;
+            }
+    }
+    connect_as(&other, MODEST);
+    hostile_expect(gets_pool(&other, 4 * MIB), "another user gets no pool");
+    printf("%d connections of one user have a pool\n", count);
+    raw_close(&other);
+    for (int i = 0; i < CLIENTS; i++)
+        raw_close(&clients[i]);
+}
+
+/* Sixteen connections of one user ask for large results and read none; a user that reads gets all of its own. */
+static void case_unread(void)
+{
+    enum { CLIENTS = 16, EACH = 8, BOXES = 60000, MEMORY = 128, OWN = 6 };
+    struct raw_client clients[CLIENTS], reader;
+    for (int i = 0; i < CLIENTS; i++)
+        connect_as(&clients[i], GREEDY);
+    connect_as(&reader, MODEST);
+    for (uint32_t k = 0; k < CLIENTS * EACH; k++)
+        ask(&clients[k % CLIENTS], BOXES, k, LEAST_PAYLOAD);
+    for (uint32_t k = 0; k < OWN; k++) {
+        ask(&reader, BOXES, 1000 + k, LEAST_PAYLOAD);
+        enum bvhd_status status = answer(&reader, PATIENCE_MS);
+        hostile_expect(status == BVHD_OK, "who reads at once gets %s", bvhd_status_name(status));
+    }
+    double held = (double)hostile_counter(&hostile, "results_held_bytes") / MIB;
+    hostile_expect(held < MEMORY / 2, "%.0f MiB of results lie unread", held);
+    printf("%.0f MiB of results lie unread\n", held);
+    for (int i = 0; i < CLIENTS; i++)
+        raw_close(&clients[i]);
+    raw_close(&reader);
+}
+
+/* Connections ask for counters as fast as the daemon takes the frames, and read none of the answers. */
+static void case_answers(void)
+{
+    enum { CLIENTS = 64, QUESTIONS = 4000, MOST_MIB = 48 };
+    static struct raw_client clients[CLIENTS];
+    unsigned char bytes[FRAME_HEADER_SIZE];
+    struct frame_header header = {.type = FRAME_STATS, .request = 7};
+    frame_header_write(&header, bytes);
+    uint64_t before = service_process_resident(&hostile.service);
+    for (int i = 0; i < CLIENTS; i++)
+        connect_as(&clients[i], GREEDY);
+    for (int k = 0; k < QUESTIONS; k++)
+        for (int i = 0; i < CLIENTS; i++)
+            send(clients[i].socket, bytes, sizeof bytes, MSG_DONTWAIT | MSG_NOSIGNAL);
+    sleep_ms(200);
+    serves_the_modest("answers lie unread", 1);
+    uint64_t after = service_process_resident(&hostile.service);
+    double grown = after > before ? (double)(after - before) / MIB : 0;
+    hostile_expect(grown < MOST_MIB, "unread answers hold %.0f MiB", grown);
+    printf("%d connections that read no answers hold %.0f MiB\n", CLIENTS, grown);
+    for (int i = 0; i < CLIENTS; i++)
+        raw_close(&clients[i]);
+}
+
+/* ---- the figure ---- */
+
+/* What both processes see. */
+struct load {
+    atomic_bool runs, pauses;
+    atomic_uint under_way, done;
+};
+
+/* Keeps `count` connections of one user busy, one build each at a time, while it is not paused. Never returns. */
+static void keep_busy(struct load *load, uint32_t count, uint32_t boxes)
+{
+    static struct raw_client clients[MOST_CONNECTIONS];
+    static struct pollfd polled[MOST_CONNECTIONS];
+    static bool is_asking[MOST_CONNECTIONS];
+    uint32_t seed = 1;
+    prctl(PR_SET_PDEATHSIG, SIGKILL);
+    for (uint32_t i = 0; i < count; i++) {
+        connect_as(&clients[i], GREEDY);
+        polled[i] = (struct pollfd){clients[i].socket, POLLIN, 0};
+    }
+    atomic_store(&load->runs, true);
+    for (;;) {
+        for (uint32_t i = 0; i < count && !atomic_load(&load->pauses); i++)
+            if (!is_asking[i]) {
+                ask(&clients[i], boxes, ++seed % 4000000, LEAST_PAYLOAD);
+                is_asking[i] = true;
+                atomic_fetch_add(&load->under_way, 1);
+            }
+        poll(polled, count, 5);
+        for (uint32_t i = 0; i < count; i++) {
+            if (!(polled[i].revents & POLLIN))
+                continue;
+            struct frame frame;
+            while (raw_receive(&clients[i], 0, &frame, NULL)) {
+                for (int k = 0; k < frame.header.descriptors; k++)
+                    close(frame.descriptors[k]);
+                if (frame.header.type != FRAME_RESULT && frame.header.type != FRAME_BUSY)
+                    continue;
+                is_asking[i] = false;
+                atomic_fetch_sub(&load->under_way, 1);
+                atomic_fetch_add(&load->done, frame.header.type == FRAME_RESULT);
+            }
+        }
+    }
+}
+
+static int compare(const void *a, const void *b)
+{
+    double left = *(const double *)a, right = *(const double *)b;
+    return left < right ? -1 : left > right;
+}
+
+enum { SAMPLES = 200, BLOCKS = 7 };
+
+/* Measures small builds of the other user. Returns the time that 99 of 100 do not exceed, in milliseconds. */
+static double block_p99(struct raw_client *client, uint32_t samples)
+{
+    static uint32_t seed = 5000000;
+    double times[SAMPLES];
+    for (uint32_t i = 0; i < samples; i++) {
+        double begin = hostile_now();
+        ask(client, 1000, ++seed, LEAST_PAYLOAD);
+        enum bvhd_status status = answer(client, PATIENCE_MS);
+        times[i] = hostile_now() - begin;
+        hostile_expect(status == BVHD_OK, "the other user gets %s", bvhd_status_name(status));
+        sleep_ms(1);
+    }
+    qsort(times, samples, sizeof *times, compare);
+    return times[(samples * 99 + 99) / 100 - 1];
+}
+
+/* Asks for large results and reads nothing from then on. */
+static void stall(struct raw_client *client, uint32_t seed)
+{
+    connect_as(client, GREEDY + 2);
+    for (uint32_t k = 0; k < 4; k++)
+        ask(client, 5000, 9000000 + 4 * seed + k, LEAST_PAYLOAD);
+}
+
+struct scale {
+    uint32_t stalled, idle, busy, samples;
+};
+
+static void pause_load(struct load *load, bool pauses)
+{
+    atomic_store(&load->pauses, pauses);
+    while (pauses && atomic_load(&load->under_way) > 0)
+        sleep_ms(1);
+    if (!pauses)
+        sleep_ms(100);
+}
+
+/* Compares the other user's builds on the quiet daemon and beside the load, in turns. Returns both medians. */
+static void measure(const struct scale *scale, double ret_medians[2])
+{
+    static struct raw_client others[MOST_CONNECTIONS];
+    struct load *load = mmap(NULL, sizeof *load, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
+    struct raw_client client;
+    double p99[2][BLOCKS];
+    fflush(stdout);
+    atomic_store(&load->pauses, true);
+    pid_t pid = fork();
+    if (pid == 0)
+        keep_busy(load, scale->busy, 20000);
+    while (!atomic_load(&load->runs))
+        sleep_ms(10);
+    for (uint32_t i = 0; i < scale->idle; i++)
+        connect_as(&others[i], GREEDY + 1);
+    for (uint32_t i = 0; i < scale->stalled; i++)
+        stall(&others[scale->idle + i], i);
+    connect_as(&client, MODEST);
+    block_p99(&client, scale->samples / 4 + 1);
+    for (int i = 0; i < 2 * BLOCKS; i++) {
+        pause_load(load, i % 2 == 0);
+        p99[i % 2][i / 2] = block_p99(&client, scale->samples);
+    }
+    printf("the load had %u builds done\n", atomic_load(&load->done));
+    hostile_expect(atomic_load(&load->done) > 0, "the busy user was not served");
+    for (int i = 0; i < 2; i++) {
+        qsort(p99[i], BLOCKS, sizeof *p99[i], compare);
+        ret_medians[i] = p99[i][BLOCKS / 2];
+    }
+    kill(pid, SIGKILL);
+    waitpid(pid, NULL, 0);
+    raw_close(&client);
+    for (uint32_t i = 0; i < scale->idle + scale->stalled; i++)
+        raw_close(&others[i]);
+    munmap(load, sizeof *load);
+}
+
+/* At a small scale, on a machine that may be busy, only that everybody is served is tested. */
+static void case_crowd(void)
+{
+    static const struct scale scale = {8, 60, 40, 12};
+    double medians[2];
+    measure(&scale, medians);
+    printf("p99 of another user: quiet %.2f ms, beside a crowd %.2f ms\n", medians[0], medians[1]);
+}
+
+static void case_figure(void)
+{
+    static const struct scale scale = {100, 2000, 500, SAMPLES};
+    double medians[2];
+    measure(&scale, medians);
+    double limit = medians[0] * 1.5 > medians[0] + 5 ? medians[0] * 1.5 : medians[0] + 5;
+    printf("p99 of another user, median of %d blocks: quiet %.2f ms, beside %u stalled clients, %u idle and %u busy "
+           "connections %.2f ms; at most %.2f\n",
+           BLOCKS, medians[0], scale.stalled, scale.idle, scale.busy, medians[1], limit);
+    hostile_expect(medians[1] <= limit, "the other user waits too long");
+}
+
+static const struct hostile_case {
+    const char *name;
+    void (*run)(void);
+    const char *memory;
+    bool needs_users, by_name;
+} cases[] = {
+    {"giants", case_giants, "128M", false, false},  {"inline", case_inline, "128M", true, false},
+    {"pools", case_pools, "128M", true, false},     {"unread", case_unread, "128M", true, false},
+    {"answers", case_answers, "64M", false, false}, {"crowd", case_crowd, "256M", false, false},
+    {"figure", case_figure, "1G", true, true},
+};
+
+static bool is_chosen(const struct hostile_case *one, int argc, char **argv)
+{
+    bool chosen = argc == 2 && !one->by_name;
+    for (int k = 2; k < argc; k++)
+        chosen |= !strcmp(argv[k], one->name);
+    if (chosen && one->needs_users && !raw_can_be_others()) {
+        printf("%s: left out, since only root can connect as several users\n", one->name);
+        return false;
+    }
+    return chosen;
+}
+
+int main(int argc, char **argv)
+{
+    struct rlimit files;
+    int failures = 0;
+    if (argc < 2)
+        return 2;
+    signal(SIGPIPE, SIG_IGN);
+    if (getrlimit(RLIMIT_NOFILE, &files) == 0) {
+        files.rlim_cur = files.rlim_max;
+        setrlimit(RLIMIT_NOFILE, &files);
+    }
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        if (!is_chosen(&cases[i], argc, argv))
+            continue;
+        const char *const options[] = {"--workers",         "2",    "--memory", cases[i].memory, "--cache-size", "0",
+                                       "--max-connections", "4000", NULL};
+        hostile_begin(&hostile, argv[1], options);
+        double begin = hostile_now();
+        cases[i].run();
+        hostile_expect_clean(&hostile, cases[i].name, 10000);
+        printf("%-12s %.0f ms\n", cases[i].name, hostile_now() - begin);
+        fflush(stdout);
+        failures = hostile_end(&hostile);
+    }
+    return failures ? 1 : 0;
+}
