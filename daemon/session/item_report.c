@@ -88,11 +88,24 @@ static void log_slow(const struct item *item, const struct control_result *resul
               times->waiters, log_quote(reason(times, result)).text, suppressed);
 }
 
+static void log_done(const struct item *item, const struct control_result *result)
+{
+    const struct request *request = item->request;
+    char key[KEY_TEXT_SIZE];
+    key_to_text(&item->key, key);
+    log_event(LOG_DEBUG, "item_done", PEER_FORMAT " request=%llu item=%u key=%.8s status=%s origin=%s ms=%.3f",
+              PEER_VALUES(&request->client->peer), (unsigned long long)request->number, item->index, key,
+              bvhd_status_name(result->error.status), origin_name(result),
+              result->queued_ms + result->prepare_ms + result->build_ms);
+}
+
 void item_report(const struct item *item, const struct control_result *result)
 {
     struct service *service = item_service(item);
     const double slow = (double)service->options.slow_ms;
     uint32_t suppressed;
+    if (log_writes(LOG_DEBUG))
+        log_done(item, result);
     if (result->error.status == BVHD_OK)
         count(service, item, result);
     if (slow > 0 && result->queued_ms + result->prepare_ms + result->build_ms >= slow &&

@@ -40,6 +40,11 @@ void log_set_level(enum log_level level)
     atomic_store_explicit(&highest_level, (int)level, memory_order_relaxed);
 }
 
+bool log_writes(enum log_level level)
+{
+    return (int)level <= atomic_load_explicit(&highest_level, memory_order_relaxed);
+}
+
 static size_t write_prefix(enum log_level level, const char *event, char *line)
 {
     if (journal)
@@ -62,7 +67,7 @@ static size_t shorter(size_t a, size_t b)
 
 void log_event(enum log_level level, const char *event, const char *pairs, ...)
 {
-    if ((int)level > atomic_load_explicit(&highest_level, memory_order_relaxed))
+    if (!log_writes(level))
         return;
     pthread_once(&journal_once, find_journal);
     char line[LINE_SIZE + 1];

@@ -16,6 +16,9 @@ enum log_level { LOG_ERROR, LOG_WARNING, LOG_INFO, LOG_DEBUG };
 /* Sets the most detailed level that is written. It is LOG_INFO at the start. */
 void log_set_level(enum log_level level);
 
+/* Returns whether events of this level are written, for callers whose events take time to describe. */
+bool log_writes(enum log_level level);
+
 /*
  * Writes one event. `pairs` is a printf format that gives "name=value name=value", or NULL. Control characters become
  * '?', and a line is cut after 1,000 bytes. Text from outside the daemon has to go through log_quote.

@@ -124,6 +124,31 @@ static void slow_items_say_why(void **state)
     world_mesh_finish(&mesh);
 }
 
+static void details_name_the_request_of_each_key(void **state)
+{
+    (void)state;
+    begin(0, 100);
+    struct world_client *client = world_join(&world);
+    struct world_mesh mesh;
+    world_mesh_init(&mesh, 10, 1);
+    log_set_level(LOG_DEBUG);
+    struct capture capture = capture_begin();
+    world_build_mesh(client, 9, &mesh);
+    const struct control_result *result = world_await_result(client, 9, 0)->result;
+    world_settle(&world);
+    capture_end(&capture, text);
+    log_set_level(LOG_INFO);
+    char key[KEY_TEXT_SIZE], part[128];
+    key_to_text(&result->key, key);
+    snprintf(part, sizeof part, " event=item_done connection=1 uid=1000 pid=4711 request=9 item=0 key=%.8s ", key);
+    expect(part);
+    expect(" status=OK origin=built ms=");
+    expect(" event=request_done connection=1 uid=1000 pid=4711 request=9 kind=build items=1 ms=");
+    snprintf(part, sizeof part, " event=build_done key=%.8s ", key);
+    expect(part);
+    world_mesh_finish(&mesh);
+}
+
 static void quick_items_say_nothing_but_count(void **state)
 {
     (void)state;
@@ -159,6 +184,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         TEST(refusals_name_the_client_and_the_reason),
         TEST(slow_items_say_why),
+        TEST(details_name_the_request_of_each_key),
         TEST(quick_items_say_nothing_but_count),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
