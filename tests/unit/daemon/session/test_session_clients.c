@@ -153,14 +153,42 @@ static void a_list_needs_no_descriptors_and_a_whole_message(void **state)
     assert_string_equal(error.where, "frame.descriptors");
 }
 
+/* Each allocation fails once: the client gets its list, or its connection ends. */
+static void without_memory_the_connection_ends(void **state)
+{
+    (void)state;
+    struct memory *memory = service_frame_memory(world.service);
+    struct control_clients message = {true};
+    bool answered = false;
+    int failures = 0;
+    for (; !answered; failures++) {
+        struct world_client *client = join(0);
+        struct frame frame = {.header = {.type = FRAME_CLIENTS, .request = 1}};
+        assert_int_equal(control_pack_clients(&message, &client->memory, &frame.control, NULL), BVHD_OK);
+        atomic_store(&memory->fail_after, failures);
+        enum bvhd_status status = world_send(client, &frame, NULL);
+        atomic_store(&memory->fail_after, -1);
+        assert_true(status == BVHD_OK || status == BVHD_NO_MEMORY);
+        answered = world_find(client, FRAME_CLIENT_LIST, 1, 0) != NULL;
+        assert_true(answered != client->failed);
+        memory_free(&client->memory, (void *)(uintptr_t)frame.control.data);
+        world_leave(client);
+    }
+    assert_true(failures > 4);
+}
+
 #define TEST(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
 
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        TEST(the_owner_sees_everybody),     TEST(root_sees_everybody),
-        TEST(others_see_themselves_alone),  TEST(who_may_not_see_all_is_refused_by_name),
-        TEST(rows_say_what_a_client_holds), TEST(a_list_needs_no_descriptors_and_a_whole_message),
+        TEST(the_owner_sees_everybody),
+        TEST(root_sees_everybody),
+        TEST(others_see_themselves_alone),
+        TEST(who_may_not_see_all_is_refused_by_name),
+        TEST(rows_say_what_a_client_holds),
+        TEST(without_memory_the_connection_ends),
+        TEST(a_list_needs_no_descriptors_and_a_whole_message),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
