@@ -2,7 +2,7 @@
 /*
  * bench_service - measures what the service costs, and how it divides its workers between clients.
  *
- *     bench_service BVHD [--runs N] [--workers N] [SECTION...] [SCENE.ply...]
+ *     bench_service BVHD [--runs N] [--workers N] [--entries N] [SECTION...] [SCENE.ply...]
  *
  * It starts its own daemons; BVHD is the path of the program. The sections, all of which run when none is named:
  *   cost    a build through the service, interleaved with one of the same views, canonical copy and blob in this
@@ -13,8 +13,8 @@
  *   small   a small job beside a build of 4 million triangles, and on a quiet daemon
  *   cancel  200 cancels of queued builds, and 200 of running ones
  *   death   how long the work and the resources of a client last after it died
- *   disk    results on disk: from the start of a daemon to its first hit among 200,000 entries, hits of 1 KiB and of
- *           1 MiB, and what a miss costs beside a daemon without them
+ *   disk    results on disk: from the start of a daemon to its first hit among 200,000 entries (or N), hits of 1 KiB
+ *           and of 1 MiB, and what a miss costs beside a daemon without them
  */
 #include <stdio.h>
 #include <stdlib.h>
@@ -43,12 +43,13 @@ static int find_section(const char *name)
 int main(int argc, char **argv)
 {
     if (argc < 2 || argv[1][0] == '-') {
-        fputs("usage: bench_service BVHD [--runs N] [--workers N] [cost|hits|many|small|cancel|death|disk ...] "
+        fputs("usage: bench_service BVHD [--runs N] [--workers N] [--entries N] "
+              "[cost|hits|many|small|cancel|death|disk ...] "
               "[SCENE.ply ...]\n",
               stderr);
         return 2;
     }
-    struct bench bench = {.program = argv[1], .runs = 15};
+    struct bench bench = {.program = argv[1], .runs = 15, .entries = 200000};
     bool chosen[SECTIONS] = {false}, any = false;
     int at = 2;
     for (; at < argc; at++) {
@@ -59,6 +60,8 @@ int main(int argc, char **argv)
             bench.runs = atoi(argv[++at]);
         else if (!strcmp(argv[at], "--workers") && at + 1 < argc)
             bench.workers = (unsigned)atoi(argv[++at]);
+        else if (!strcmp(argv[at], "--entries") && at + 1 < argc)
+            bench.entries = (uint32_t)atoi(argv[++at]);
         else
             break;
     }

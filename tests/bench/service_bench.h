@@ -17,6 +17,7 @@ struct bench {
     int scene_count;
     int runs;
     unsigned workers; /* 0: the daemon's default */
+    uint32_t entries; /* of the cache on disk */
 };
 
 /* One function for each section; they print lines with bench_line. */

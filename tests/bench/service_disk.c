@@ -13,7 +13,7 @@
 #include "builder/summary.h"
 #include "tests/bench/service_bench.h"
 
-enum { ENTRIES = 200000, STARTS = 9, HITS = 1000, MISSES = 500 };
+enum { STARTS = 9, HITS = 400, MISSES = 500 };
 
 static char directory[] = "/tmp/bvhd-bench-XXXXXX";
 
@@ -84,12 +84,12 @@ static double fetch(struct bvhd_client *client, const struct key *key)
     return bench_now() - begin;
 }
 
-static void start(const struct bench *bench, bool has_disk, struct service_process *ret_service)
+static void start(const struct bench *bench, bool has_disk, const char *cache, struct service_process *ret_service)
 {
     char count[16];
     snprintf(count, sizeof count, "%u", bench->workers ? bench->workers : 2);
-    const char *const all[] = {"--cache-size", "0", "--workers", count, "--cache", directory, NULL};
-    const char *const some[] = {"--cache-size", "0", "--workers", count, NULL};
+    const char *const all[] = {"--cache-size", cache, "--workers", count, "--cache", directory, NULL};
+    const char *const some[] = {"--cache-size", cache, "--workers", count, NULL};
     service_process_start(ret_service, bench->program, has_disk ? all : some);
 }
 
@@ -98,10 +98,10 @@ static void first_hits(const struct bench *bench)
 {
     double ms[STARTS];
     for (uint32_t i = 0; i < STARTS; i++) {
-        const struct key key = key_of(i * (ENTRIES / STARTS) + 7);
+        const struct key key = key_of(bench->entries / STARTS * i);
         struct service_process process;
         double begin = bench_now();
-        start(bench, true, &process);
+        start(bench, true, "1G", &process);
         struct bvhd_client *client = bench_client(&process);
         fetch(client, &key);
         ms[i] = bench_now() - begin;
@@ -109,22 +109,30 @@ static void first_hits(const struct bench *bench)
         bench_stop(&process);
     }
     double worst = bench_quantile(ms, STARTS, 1), median = bench_quantile(ms, STARTS, 0.5);
-    bench_line("start to first hit", "200,000 entries: median %.0f ms, worst of %d %.0f ms (goal: 200 ms)", median,
-               STARTS, worst);
+    bench_line("start to first hit", "%u entries: median %.0f ms, worst of %d %.0f ms (goal: 200 ms)", bench->entries,
+               median, STARTS, worst);
 }
 
-static void hits(const struct bench *bench, uint32_t number, uint64_t size, const char *goal)
+/*
+ * Each of some entries, from `first` on, is fetched from disk, and the last one again and again from memory. The cache
+ * in memory is small, because pages that a virtual machine has never used before cost several times as much as others.
+ */
+static void hits(const struct bench *bench, uint32_t first, uint64_t size, const char *goal)
 {
-    static double us[HITS];
-    const struct key key = key_of(number);
+    static double us[2][HITS];
     struct service_process process;
-    start(bench, true, &process);
+    start(bench, true, "8M", &process);
     struct bvhd_client *client = bench_client(&process);
-    for (int i = 0; i < HITS; i++)
-        us[i] = fetch(client, &key) * 1e3;
-    double p99 = bench_quantile(us, HITS, 0.99), p50 = bench_quantile(us, HITS, 0.5);
-    bench_line("hit from disk", "%.1f KiB: p50 %.0f us, p99 %.0f us (goal: p50 %s)", (double)size / 1024, p50, p99,
-               goal);
+    for (int again = 0; again < 2; again++)
+        for (uint32_t i = 0; i < HITS; i++) {
+            const struct key key = key_of(first + (again ? HITS - 1 : i));
+            us[again][i] = fetch(client, &key) * 1e3;
+        }
+    if (bench_counter(client, "hits_disk") != HITS || bench_counter(client, "hits_memory") != HITS)
+        bench_fail("hits came from elsewhere");
+    double p99 = bench_quantile(us[0], HITS, 0.99), p50 = bench_quantile(us[0], HITS, 0.5);
+    bench_line("hit from disk", "%.0f KiB: p50 %.0f us, p99 %.0f us (goal: p50 %s); again, from memory: p50 %.0f us",
+               (double)size / 1024, p50, p99, goal, bench_quantile(us[1], HITS, 0.5));
     bvhd_client_destroy(client);
     bench_stop(&process);
 }
@@ -148,7 +156,7 @@ static void misses(const struct bench *bench)
     struct service_process processes[2];
     struct bvhd_client *clients[2];
     for (int i = 0; i < 2; i++) {
-        start(bench, i == 1, &processes[i]);
+        start(bench, i == 1, "0", &processes[i]);
         clients[i] = bench_client(&processes[i]);
     }
     for (int k = 0; k < MISSES; k++)
@@ -170,14 +178,15 @@ void bench_disk(const struct bench *bench)
     struct memory memory;
     struct store *store = open_store(&memory);
     double begin = bench_now();
-    for (uint32_t i = 0; i < ENTRIES; i++)
+    for (uint32_t i = 0; i < bench->entries; i++)
         put(store, i, payload, SMALL);
-    put(store, ENTRIES, payload, LARGE);
+    for (uint32_t i = 0; i < HITS; i++)
+        put(store, bench->entries + i, payload, LARGE);
     store_close(store);
-    bench_line("200,001 entries written", "unsynced, in %.1f s", (bench_now() - begin) / 1e3);
+    bench_line("entries written", "unsynced, in %.1f s", (bench_now() - begin) / 1e3);
     first_hits(bench);
     hits(bench, 0, SMALL, "none");
-    hits(bench, ENTRIES, LARGE, "400 us");
+    hits(bench, bench->entries, LARGE, "400 us");
     misses(bench);
     remove_store();
 }
