@@ -42,7 +42,7 @@ start()
 {
     socket=$1
     shift
-    "$bvhd" --socket "$socket" "$@" >>daemon.log 2>&1 &
+    "$bvhd" --socket "$socket" --no-cache "$@" >>daemon.log 2>&1 &
     daemon=$!
     daemons="$daemons $daemon"
     expect "a daemon on $socket: $(cat daemon.log)" \
@@ -125,7 +125,7 @@ for command in 'build one.obj -o d' stats clients top ping "get $(printf '%064d'
 done
 expect 'no output was written' [ ! -e d ]
 expect 'nothing was started' private_count_is 0
-(sleep 0.5; exec "$bvhd" --socket "$s" >>daemon.log 2>&1) &
+(sleep 0.5; exec "$bvhd" --socket "$s" --no-cache >>daemon.log 2>&1) &
 daemons="$daemons $!"
 daemon=$!
 run 0 --socket "$s" --connect-timeout 30 ping
@@ -399,6 +399,23 @@ expect 'it is taken over' private_count_is 1
 run 0 stop --json
 one_json_object
 expect 'no daemon is left' private_count_is 0
+
+# Results of private daemons outlive them, in the user's cache or in the directory that is named.
+run 0 build ball.ply -o again
+words=$(tr '\0' ' ' <"/proc/$(private_daemons)/cmdline")
+expect "an empty BVHD_CACHE means none: $words" [ "${words% --no-cache }" != "$words" ]
+run 0 stop
+for turn in 1 2; do
+    run 0 build ball.ply -o again --cache kept --disk-cache-size 5M --json
+    expect "from disk in turn $turn" [ "$(grep -o '"cached":true' out | wc -l)" -eq $((2 * turn - 2)) ]
+    run 0 stop
+    (unset BVHD_CACHE && XDG_CACHE_HOME=$scratch/caches "$bvhctl" build ball.ply -o again --json >out 2>err)
+    expect "from the user's in turn $turn" [ "$(grep -o '"cached":true' out | wc -l)" -eq $((2 * turn - 2)) ]
+    run 0 stop
+done
+expect 'in the directory that was named' [ -e kept/CACHEDIR.TAG ]
+expect "in the user's" [ -e caches/bvhd/CACHEDIR.TAG ]
+run 2 build ball.ply -o again --cache kept --no-cache
 
 # A daemon on a socket that is named can be stopped, too.
 start named.sock

@@ -35,7 +35,7 @@ printf 'v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n' >one.obj
 "$make_probe" 1 11 'plain 11'
 expect 'probes were made' [ -s 'plain 11' ]
 s=$scratch/s.sock
-"$bvhd" --socket "$s" >daemon.log 2>&1 &
+"$bvhd" --socket "$s" --no-cache >daemon.log 2>&1 &
 daemon=$!
 run 0 --socket "$s" --connect-timeout 30 ping
 

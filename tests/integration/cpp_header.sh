@@ -14,7 +14,7 @@ flags="-Wall -Wextra -Werror -pedantic -Wconversion -Wshadow -I$source/client/in
 $(pkg-config --cflags vulkan)"
 LD_LIBRARY_PATH=$build/client
 export LD_LIBRARY_PATH BVHD_SOCKET="$scratch/s.sock"
-"$build/daemon/bvhd" --socket "$scratch/s.sock" >daemon.log 2>&1 &
+"$build/daemon/bvhd" --socket "$scratch/s.sock" --no-cache >daemon.log 2>&1 &
 daemon=$!
 expect_quietly "a daemon: $(cat daemon.log)" "$build/client/bvhctl/bvhctl" --connect-timeout 30 ping
 

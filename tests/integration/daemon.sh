@@ -57,7 +57,7 @@ refused()
 start()
 {
     rm -f held built
-    "$bvhd" --socket s "$@" 2>log &
+    "$bvhd" --socket s --no-cache "$@" 2>log &
     daemon=$!
     started="$started $daemon"
     eventually "it answers: bvhd $*" "$helper" ping s
@@ -124,7 +124,7 @@ expect 'what is no directory stays' has precious f
 kill -TERM "$daemon"
 ended 0 'no directory for results'
 printf 'cache = d\n' >conf
-start --config conf --no-cache
+start --config conf
 expect 'it builds' quietly "$helper" build s 100
 kill -TERM "$daemon"
 ended 0 --no-cache
@@ -171,7 +171,7 @@ expect 'the limit is named' has 107 err
 
 # The daemon before was killed and left its socket. It had no standard streams, and none of its sockets became one of
 # them.
-"$bvhd" --socket s <&- >&- 2>&- &
+"$bvhd" --socket s --no-cache <&- >&- 2>&- &
 daemon=$!
 started="$started $daemon"
 eventually 'it answers without standard streams' "$helper" ping s
@@ -186,7 +186,7 @@ ended 0 'a stale socket'
 # shellcheck disable=SC3045 # every sh that matters has it
 if (ulimit -n 64 && "$bvhd" --version) >/dev/null 2>&1; then
     # shellcheck disable=SC3045
-    (ulimit -n 64 && exec "$bvhd" --socket s) 2>log &
+    (ulimit -n 64 && exec "$bvhd" --socket s --no-cache) 2>log &
     daemon=$!
     started="$started $daemon"
     eventually 'it answers with 64 descriptors' "$helper" ping s
@@ -276,7 +276,7 @@ ended 0 'the last client'
 # begins to drain.
 mkfifo full
 exec 9<>full
-"$bvhd" --socket s --idle-exit 2 2>&9 &
+"$bvhd" --socket s --no-cache --idle-exit 2 2>&9 &
 daemon=$!
 started="$started $daemon"
 eventually 'it answers, its words unread' "$helper" ping s
@@ -293,7 +293,7 @@ expect 'the signal ended it' has event=draining log
 listener=$!
 started="$started $listener"
 eventually 'there is a socket for notifications' [ -S n ]
-NOTIFY_SOCKET=$scratch/n WATCHDOG_USEC=200000 "$bvhd" --socket s 2>log &
+NOTIFY_SOCKET=$scratch/n WATCHDOG_USEC=200000 "$bvhd" --socket s --no-cache 2>log &
 daemon=$!
 started="$started $daemon"
 eventually 'it is ready' has '^READY=1 STATUS=listening on s$' told
@@ -319,7 +319,7 @@ kill "$listener"
 
 # Socket activation.
 if command -v systemd-socket-activate >/dev/null; then
-    systemd-socket-activate -l "$scratch/a" "$bvhd" 2>log &
+    systemd-socket-activate -l "$scratch/a" "$bvhd" --no-cache 2>log &
     daemon=$!
     started="$started $daemon"
     eventually 'it answers on the socket handed over' "$helper" ping a

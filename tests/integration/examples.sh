@@ -28,7 +28,7 @@ PKG_CONFIG_PATH=$(dirname "$config") make -f "$prefix/share/doc/bvhd/examples/Ma
     CFLAGS='-pedantic -Wall -Wextra -Werror' PKG_CONFIG="pkg-config --define-variable=prefix=$prefix" >log 2>&1 ||
     fail 'the installed examples do not compile'
 
-"$prefix/bin/bvhd" --socket "$scratch/s.sock" >daemon.log 2>&1 &
+"$prefix/bin/bvhd" --socket "$scratch/s.sock" --no-cache >daemon.log 2>&1 &
 daemon=$!
 export BVHD_SOCKET="$scratch/s.sock"
 "$prefix/bin/bvhctl" --connect-timeout 30 ping >log 2>&1 || fail "no daemon: $(cat daemon.log)"

@@ -158,7 +158,7 @@ run_example 'without a daemon'
 expect_quietly 'the bytes, without a daemon' sh -c './bytes >alone.as && [ "$(wc -c <alone.as)" -ge 352 ]'
 export BVHD_SOCKET="$scratch/s.sock"
 run_example 'where a daemon could be'
-"$prefix/bin/bvhd" --socket "$BVHD_SOCKET" >daemon.log 2>&1 &
+"$prefix/bin/bvhd" --socket "$BVHD_SOCKET" --no-cache >daemon.log 2>&1 &
 daemon=$!
 expect_quietly "a daemon: $(cat daemon.log)" "$prefix/bin/bvhctl" --connect-timeout 30 ping
 run_example 'with a daemon'

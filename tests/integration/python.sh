@@ -21,7 +21,7 @@ export PYTHONDONTWRITEBYTECODE=1 PYTHONPATH="$source/client/python" BVHD_SOCKET=
 export BVHD_LIBRARY="$build/client/libbvhd.so.0" BVHD_CC="$compiler"
 BVHD_CFLAGS="-I$source/client/include -I$source/proto/include $(pkg-config --cflags vulkan)"
 export BVHD_CFLAGS
-"$build/daemon/bvhd" --socket "$scratch/s.sock" >daemon.log 2>&1 &
+"$build/daemon/bvhd" --socket "$scratch/s.sock" --no-cache >daemon.log 2>&1 &
 daemon=$!
 expect_quietly "a daemon: $(cat daemon.log)" "$build/client/bvhctl/bvhctl" --connect-timeout 30 ping
 cat >two.gltf <<'END'

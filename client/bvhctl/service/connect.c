@@ -11,6 +11,7 @@
 #include "client/address.h"
 #include "proto/base/clock.h"
 #include "client/bvhctl/base/files.h"
+#include "client/bvhctl/service/cache_place.h"
 #include "client/bvhctl/service/private_daemon.h"
 #include "client/bvhctl/base/report.h"
 
@@ -97,10 +98,24 @@ static enum bvhd_status open_explicit(const char *socket, uint32_t timeout_ms, s
 
 /* The state of the search for a daemon, which may take several attempts. */
 struct search {
+    const struct options *options;
     double deadline;
     bool is_started; /* this process has started a daemon */
     bool is_refused; /* the daemon of the machine has refused this user, and a remark has said so */
 };
+
+static enum bvhd_status start_private(const struct search *search, struct private_place *place, struct memory *memory,
+                                      bool *ret_is_new, struct bvhd_error *error)
+{
+    char *directory;
+    enum bvhd_status status = cache_place_find(search->options, memory, &directory, error);
+    if (status != BVHD_OK)
+        return status;
+    const struct private_cache cache = {directory, search->options->disk_cache_size};
+    status = private_daemon_start(place, &cache, search->deadline, memory, ret_is_new, error);
+    memory_free(memory, directory);
+    return status;
+}
 
 /* Finds the socket of a daemon that answers, and whether it is private. Starts a private daemon if none answers. */
 static enum bvhd_status find_daemon(struct search *search, struct memory *memory, struct connect *ret_found,
@@ -115,7 +130,7 @@ static enum bvhd_status find_daemon(struct search *search, struct memory *memory
     int of_system = found.is_private ? ENOENT : ask(connect_system_socket);
     if (!found.is_private && of_system != 0) {
         bool is_new = false;
-        status = private_daemon_start(&place, search->deadline, memory, &is_new, error);
+        status = start_private(search, &place, memory, &is_new, error);
         found.is_private = true;
         search->is_started = search->is_started || is_new;
     }
@@ -147,7 +162,7 @@ enum bvhd_status connect_open(const struct options *options, struct memory *memo
     const char *socket = connect_named_socket(options);
     if (socket)
         return open_explicit(socket, options->connect_timeout_ms, memory, ret_connect, error);
-    struct search search = {.deadline = clock_ms() + options->connect_timeout_ms};
+    struct search search = {.options = options, .deadline = clock_ms() + options->connect_timeout_ms};
     for (;;) {
         struct connect found;
         enum bvhd_status status = find_daemon(&search, memory, &found, error);

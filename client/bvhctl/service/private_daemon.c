@@ -3,6 +3,7 @@
 
 #include <errno.h>
 #include <fcntl.h>
+#include <inttypes.h>
 #include <limits.h>
 #include <signal.h>
 #include <spawn.h>
@@ -180,14 +181,56 @@ static char **make_environment(struct memory *memory)
     return environment;
 }
 
+/* AFTER_CACHE: the words that follow --cache. */
+enum { ARGUMENTS = 10, AFTER_CACHE = 6 };
+
+/* The command line of a daemon, with the texts that it is made of. */
+struct command_line {
+    char *words[ARGUMENTS];
+    char socket[16], idle[16], cache[16], size[32], bytes[32];
+    char directory[PATH_MAX];
+};
+
+/* The daemon has another working directory. */
+static bool make_absolute(const char *path, char ret_path[PATH_MAX])
+{
+    size_t length = 0;
+    if (*path != '/') {
+        if (!getcwd(ret_path, PATH_MAX - 1))
+            return false;
+        length = strlen(ret_path);
+        ret_path[length++] = '/';
+    }
+    if (length + strlen(path) >= PATH_MAX)
+        return false;
+    strcpy(ret_path + length, path);
+    return true;
+}
+
+/* Results are kept in memory only if the directory has no path that can be given. */
+static void make_command_line(char *program, char *socket, const struct private_cache *cache,
+                              struct command_line *ret_line)
+{
+    struct command_line *line = ret_line;
+    bool has_cache = cache->directory && make_absolute(cache->directory, line->directory);
+    strcpy(line->socket, "--socket");
+    strcpy(line->idle, "--idle-exit");
+    strcpy(line->cache, has_cache ? "--cache" : "--no-cache");
+    strcpy(line->size, "--disk-cache-size");
+    snprintf(line->bytes, sizeof line->bytes, "%" PRIu64, cache->size);
+    char *const words[ARGUMENTS] = {program,     line->socket,    socket,     line->idle,  idle_seconds,
+                                    line->cache, line->directory, line->size, line->bytes, NULL};
+    memcpy(line->words, words, sizeof words);
+    if (!has_cache)
+        line->words[AFTER_CACHE] = NULL;
+}
+
 /*
  * Starts the daemon in a session of its own, so that an interrupt at the terminal does not reach it, and with none of
  * this process's descriptors.
  */
-static int spawn(char *program, char *socket, const char *log, char **environment, pid_t *ret_child)
+static int spawn(char **arguments, const char *log, char **environment, pid_t *ret_child)
 {
-    char option_socket[] = "--socket", option_idle[] = "--idle-exit";
-    char *arguments[] = {program, option_socket, socket, option_idle, idle_seconds, NULL};
     posix_spawn_file_actions_t actions;
     posix_spawnattr_t attributes;
     sigset_t none, all;
@@ -211,7 +254,7 @@ static int spawn(char *program, char *socket, const char *log, char **environmen
         (number = posix_spawn_file_actions_adddup2(&actions, 1, 2)) == 0 &&
         (number = posix_spawn_file_actions_addclosefrom_np(&actions, 3)) == 0 &&
         (number = posix_spawn_file_actions_addchdir_np(&actions, "/")) == 0)
-        number = posix_spawn(ret_child, program, &actions, &attributes, arguments, environment);
+        number = posix_spawn(ret_child, arguments[0], &actions, &attributes, arguments, environment);
     posix_spawnattr_destroy(&attributes);
     posix_spawn_file_actions_destroy(&actions);
     return number;
@@ -264,25 +307,27 @@ static enum bvhd_status wait_for(pid_t child, const char *socket, const char *lo
     return BVHD_OK;
 }
 
-static enum bvhd_status run_daemon(const struct private_place *place, const char *log, double deadline,
-                                   struct memory *memory, struct bvhd_error *error)
+static enum bvhd_status run_daemon(const struct private_place *place, const struct private_cache *cache,
+                                   const char *log, double deadline, struct memory *memory, struct bvhd_error *error)
 {
     char program[PATH_MAX];
+    struct command_line line;
     if (!find_program(program))
         return bvhd_error_set(error, BVHD_UNAVAILABLE, place->socket, "no daemon, and no program bvhd to start one");
     char **environment = make_environment(memory);
     if (!environment)
         return no_memory(error);
     pid_t child;
-    int number = spawn(program, place->socket, log, environment, &child);
+    make_command_line(program, place->socket, cache, &line);
+    int number = spawn(line.words, log, environment, &child);
     memory_free(memory, environment);
     if (number)
         return bvhd_error_set(error, BVHD_UNAVAILABLE, program, "cannot be started: %s", strerror(number));
     return wait_for(child, place->socket, log, deadline, error);
 }
 
-enum bvhd_status private_daemon_start(struct private_place *place, double deadline, struct memory *memory,
-                                      bool *ret_is_new, struct bvhd_error *error)
+enum bvhd_status private_daemon_start(struct private_place *place, const struct private_cache *cache, double deadline,
+                                      struct memory *memory, bool *ret_is_new, struct bvhd_error *error)
 {
     enum bvhd_status status = make_safe(place, error);
     if (status != BVHD_OK)
@@ -292,7 +337,7 @@ enum bvhd_status private_daemon_start(struct private_place *place, double deadli
     status = lock && log ? take_lock(place, lock, deadline, &descriptor, error) : no_memory(error);
     bool is_new = status == BVHD_OK && descriptor >= 0 && !connect_answers(place->socket);
     if (is_new)
-        status = run_daemon(place, log, deadline, memory, error);
+        status = run_daemon(place, cache, log, deadline, memory, error);
     if (descriptor >= 0)
         close(descriptor);
     memory_free(memory, log);

@@ -24,12 +24,18 @@ struct private_place {
 enum bvhd_status private_daemon_place(struct memory *memory, struct private_place *ret_place, struct bvhd_error *error);
 void private_place_finish(struct private_place *place, struct memory *memory);
 
+/* Where a daemon that is started keeps results on disk. */
+struct private_cache {
+    const char *directory; /* NULL: nowhere */
+    uint64_t size; /* the most bytes */
+};
+
 /*
  * Returns when a daemon answers on place->socket: one that runs already, one that another process starts, or one that
- * this function starts, for which *ret_is_new becomes true. BVHD_UNAVAILABLE, with the reason, when none answers until
- * `deadline` (clock_ms) or the new one exits at once.
+ * this function starts, for which *ret_is_new becomes true and `cache` counts. BVHD_UNAVAILABLE, with the reason, when
+ * none answers until `deadline` (clock_ms) or the new one exits at once.
  */
-enum bvhd_status private_daemon_start(struct private_place *place, double deadline, struct memory *memory,
-                                      bool *ret_is_new, struct bvhd_error *error);
+enum bvhd_status private_daemon_start(struct private_place *place, const struct private_cache *cache, double deadline,
+                                      struct memory *memory, bool *ret_is_new, struct bvhd_error *error);
 
 #endif
