@@ -122,8 +122,10 @@ static void case_inline(void)
     static struct raw_client clients[CLIENTS];
     for (int i = 0; i < CLIENTS; i++)
         connect_as(&clients[i], GREEDY);
-    for (uint32_t k = 0; k < CLIENTS * EACH; k++)
-        ask(&clients[k % CLIENTS], 250000, k, FRAME_MAX_INLINE);
+    uint32_t seed = 0;
+    for (uint64_t size = FRAME_MAX_INLINE; size >= LEAST_PAYLOAD; size /= 4) /* smaller ones fill the gaps */
+        for (uint32_t k = 0; k < CLIENTS * EACH; k++)
+            ask(&clients[k % CLIENTS], 250000, ++seed, size);
     for (uint32_t k = 0; k < 5; k++)
         serves_the_modest("payloads fill frames", k);
     for (int i = 0; i < CLIENTS; i++)
