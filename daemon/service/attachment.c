@@ -11,25 +11,18 @@ struct attachment {
     pthread_mutex_t mutex; /* held while it is opened */
     struct payload_file file; /* the descriptor is -1 once it was opened, or could not be */
     char where[BVHD_WHERE_SIZE];
-    struct descriptors *descriptors;
     struct payload *payload;
     struct bvhd_error error;
 };
 
-static void drop(int descriptor, struct descriptors *descriptors)
-{
-    release_descriptor(descriptor);
-    descriptors_give(descriptors, 1);
-}
-
-struct attachment *attachment_create(const struct payload_file *file, struct descriptors *descriptors)
+struct attachment *attachment_create(const struct payload_file *file)
 {
     struct attachment *attachment = memory_alloc(file->memory, sizeof *attachment);
     if (!attachment) {
-        drop(file->descriptor, descriptors);
+        release_descriptor(file->share, file->descriptor);
         return NULL;
     }
-    *attachment = (struct attachment){.file = *file, .descriptors = descriptors};
+    *attachment = (struct attachment){.file = *file};
     atomic_init(&attachment->refs, 1);
     pthread_mutex_init(&attachment->mutex, NULL);
     snprintf(attachment->where, sizeof attachment->where, "%s", file->where);
@@ -48,7 +41,7 @@ void attachment_unref(struct attachment *attachment)
     if (!attachment || atomic_fetch_sub_explicit(&attachment->refs, 1, memory_order_acq_rel) != 1)
         return;
     if (attachment->file.descriptor >= 0)
-        drop(attachment->file.descriptor, attachment->descriptors);
+        release_descriptor(attachment->file.share, attachment->file.descriptor);
     payload_unref(attachment->payload);
     pthread_mutex_destroy(&attachment->mutex);
     memory_free(attachment->file.memory, attachment);
@@ -60,7 +53,6 @@ static void open_once(struct attachment *attachment)
         return;
     payload_open_memfd(&attachment->file, &attachment->payload, &attachment->error);
     attachment->file.descriptor = -1;
-    descriptors_give(attachment->descriptors, 1);
 }
 
 enum bvhd_status attachment_open(struct attachment *attachment, struct payload **ret_payload, struct bvhd_error *error)

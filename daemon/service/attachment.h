@@ -8,18 +8,15 @@
 #ifndef BVHD_ATTACHMENT_H
 #define BVHD_ATTACHMENT_H
 
-#include "daemon/system/descriptors.h"
 #include "daemon/service/payload.h"
 
 struct attachment;
 
 /*
- * Creates an attachment with one reference. It takes over file->descriptor, also when it fails; returns NULL without
- * memory. The
- * descriptor's count goes back to `descriptors` when it is closed. file->where is copied; file->memory and
- * `descriptors` must outlive the attachment.
+ * Creates an attachment with one reference. It takes over file->descriptor and its count, also when it fails; returns
+ * NULL without memory. file->where is copied; file->memory must outlive the attachment.
  */
-struct attachment *attachment_create(const struct payload_file *file, struct descriptors *descriptors);
+struct attachment *attachment_create(const struct payload_file *file);
 
 struct attachment *attachment_ref(struct attachment *attachment);
 /* For any thread. The last reference unmaps and closes the memfd. `attachment` may be NULL. */

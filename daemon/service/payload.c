@@ -158,11 +158,14 @@ static enum bvhd_status open_file(const struct payload_file *file, bool constant
     enum bvhd_status status = check(file, constant, error);
     if (status == BVHD_OK)
         status = map(file, constant, ret_payload, error);
-    if (status == BVHD_OK)
-        close(file->descriptor);
-    else
-        release_descriptor(file->descriptor);
-    return status;
+    if (status != BVHD_OK) {
+        release_descriptor(file->share, file->descriptor);
+        return status;
+    }
+    close(file->descriptor);
+    if (file->share)
+        descriptor_share_give(file->share, 1);
+    return BVHD_OK;
 }
 
 enum bvhd_status payload_open_pool(const struct payload_file *file, struct payload **ret_payload,

@@ -19,6 +19,7 @@
 
 #include <stdatomic.h>
 
+#include "daemon/system/descriptor_share.h"
 #include "proto/base/bytes.h"
 #include "proto/base/memory.h"
 #include "proto/base/status.h"
@@ -29,8 +30,8 @@ struct payload;
 /*
  * A descriptor from a client, and what was declared about it.
  *
- * The two functions that open one are for any thread. They take the descriptor and close it; on failure they do so with
- * release_descriptor. The caller gives back its count. BVHD_INVALID says what is wrong with it ("pool": "not sealed
+ * The two functions that open one are for any thread. They take the descriptor, close it (on failure by
+ * release_descriptor), and give back its count. BVHD_INVALID says what is wrong with it ("pool": "not sealed
  * against shrinking"), BVHD_TOO_LARGE means more than `max_size`, BVHD_IO says what the system refused; BVHD_NO_MEMORY.
  */
 struct payload_file {
@@ -39,6 +40,7 @@ struct payload_file {
     uint64_t max_size;
     const char *where; /* its name in errors: "pool", "items[3].payload" */
     struct memory *memory; /* for the struct, which it must outlive; mapped bytes are not counted */
+    struct descriptor_share *share; /* to which the descriptor is charged; NULL: it is not counted */
 };
 
 /* Opens a pool. */

@@ -155,6 +155,16 @@ static void destroy_modules(struct service *service)
     cache_destroy(service->cache);
 }
 
+/* With fewer, nobody could be served: the daemon would listen, but accept no client. */
+static enum bvhd_status check_descriptors(const struct descriptors *descriptors, struct bvhd_error *error)
+{
+    if (descriptors->limit >= DESCRIPTORS_LEAST)
+        return BVHD_OK;
+    return bvhd_error_set(error, BVHD_IO, "file descriptors",
+                          "%u can be opened, and at least %d are needed: raise the limit (ulimit -n, LimitNOFILE=)",
+                          descriptors->limit, DESCRIPTORS_LEAST);
+}
+
 enum bvhd_status service_create(const struct service_options *options, void (*wake)(void *context), void *wake_context,
                                 struct service **ret_service, struct bvhd_error *error)
 {
@@ -165,7 +175,9 @@ enum bvhd_status service_create(const struct service_options *options, void (*wa
     service->wake = wake;
     service->wake_context = wake_context;
     init_accounts(service);
-    enum bvhd_status status = create_modules(service, wake, wake_context, error);
+    enum bvhd_status status = check_descriptors(&service->descriptors, error);
+    if (status == BVHD_OK)
+        status = create_modules(service, wake, wake_context, error);
     if (status != BVHD_OK) {
         destroy_modules(service);
         free(service);

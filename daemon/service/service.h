@@ -33,7 +33,10 @@ struct service_options service_options_default(void);
 
 struct service;
 
-/* `wake` is called on any thread; it has to bring about a call of service_collect on the loop. */
+/*
+ * `wake` is called on any thread; it has to bring about a call of service_collect on the loop. BVHD_NO_MEMORY; BVHD_IO
+ * when threads cannot be started, or fewer than DESCRIPTORS_LEAST descriptors can be opened.
+ */
 enum bvhd_status service_create(const struct service_options *options, void (*wake)(void *context), void *wake_context,
                                 struct service **ret_service, struct bvhd_error *error);
 

@@ -57,7 +57,8 @@ struct service {
     struct deferred_calls deferred; /* run by service_pump */
     struct counters counters; /* only the sums are kept here; service_counters fills in the levels */
     struct latency latencies[LATENCY_STAGE_COUNT];
-    struct log_limit slow_log, refused_log; /* for log lines about slow items, and about requests that are refused */
+    /* for log lines about slow items, items that the system failed, requests that are refused, and sessions that end */
+    struct log_limit slow_log, failed_log, refused_log, ended_log;
 
     /* kept by others */
     struct session_totals sessions;

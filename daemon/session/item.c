@@ -66,11 +66,13 @@ static void answer(struct item *item, struct control_result *result, struct blob
 static void answer_error(struct item *item, const struct bvhd_error *error)
 {
     const struct request *request = item->request;
-    if (error->status == BVHD_INTERNAL || error->status == BVHD_IO)
+    bool is_ours = error->status == BVHD_INTERNAL || error->status == BVHD_IO;
+    uint32_t suppressed;
+    if (is_ours && log_limit_pass(&request->client->service->failed_log, &suppressed))
         log_event(error->status == BVHD_INTERNAL ? LOG_ERROR : LOG_WARNING, "item_failed",
-                  PEER_FORMAT " request=%llu item=%u status=%s why=%s", PEER_VALUES(&request->client->peer),
-                  (unsigned long long)request->number, item->index, bvhd_status_name(error->status),
-                  log_quote(error->text).text);
+                  PEER_FORMAT " request=%llu item=%u status=%s why=%s suppressed=%u",
+                  PEER_VALUES(&request->client->peer), (unsigned long long)request->number, item->index,
+                  bvhd_status_name(error->status), log_quote(error->text).text, suppressed);
     struct control_result result = {.error = *error};
     answer(item, &result, NULL);
 }

@@ -23,7 +23,10 @@ void session_end(struct session *session, enum bvhd_status status, const char *t
     if (session->failure.status != BVHD_OK)
         return;
     bvhd_error_set(&session->failure, status, "", "%s", text);
-    log_event(LOG_WARNING, "session_ended", PEER_FORMAT " why=%s", PEER_VALUES(&session->peer), log_quote(text).text);
+    uint32_t suppressed;
+    if (log_limit_pass(&session->service->ended_log, &suppressed))
+        log_event(LOG_WARNING, "session_ended", PEER_FORMAT " why=%s suppressed=%u", PEER_VALUES(&session->peer),
+                  log_quote(text).text, suppressed);
     if (session->link.fail)
         session->link.fail(session->link.context, &session->failure);
 }

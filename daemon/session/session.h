@@ -35,10 +35,10 @@ enum bvhd_status session_open(struct service *service, const struct session_peer
                               struct session **ret_session, struct bvhd_error *error);
 
 /*
- * Handles one frame. The session takes its descriptors; the caller has counted them with descriptors_take, and the
- * session gives their counts back. Any other result than BVHD_OK means that the client broke the protocol, or with
- * BVHD_NO_MEMORY, that nothing can be answered: the caller sends the error as FRAME_ERROR with request 0, and ends the
- * connection.
+ * Handles one frame. The session takes its descriptors; the caller has counted them and charged them to the peer's
+ * share, and the session gives both back. Any other result than BVHD_OK means that the client broke the protocol, or
+ * with BVHD_NO_MEMORY, that nothing can be answered: the caller sends the error as FRAME_ERROR with request 0, and ends
+ * the connection.
  */
 enum bvhd_status session_frame(struct session *session, const struct frame *frame, struct bvhd_error *error);
 

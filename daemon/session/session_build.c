@@ -32,10 +32,14 @@ static bool take_attachments(struct intake *intake)
     struct service *service = service_of(intake);
     for (uint32_t i = 0; i < intake->message->memfd_count; i++) {
         struct place where = place("memfds[%u]", i);
-        struct payload_file file = {intake->frame->descriptors[i], intake->message->memfd_sizes[i],
-                                    service->options.memory, where.text, &service->memory};
+        struct payload_file file = {intake->frame->descriptors[i],
+                                    intake->message->memfd_sizes[i],
+                                    service->options.memory,
+                                    where.text,
+                                    &service->memory,
+                                    intake->session->peer.share};
         intake->attachment_count++;
-        intake->attachments[i] = attachment_create(&file, &service->descriptors);
+        intake->attachments[i] = attachment_create(&file);
         if (!intake->attachments[i])
             return false;
     }

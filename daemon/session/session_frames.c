@@ -7,10 +7,8 @@
 
 void session_drop_descriptors(struct session *session, const struct frame *frame, uint32_t first)
 {
-    for (uint32_t i = first; i < frame->header.descriptors; i++) {
-        release_descriptor(frame->descriptors[i]);
-        descriptors_give(&session->service->descriptors, 1);
-    }
+    for (uint32_t i = first; i < frame->header.descriptors; i++)
+        release_descriptor(session->peer.share, frame->descriptors[i]);
 }
 
 /* A connection may hold a part of what its user has room for and has not promised to other connections. */
@@ -90,10 +88,10 @@ static enum bvhd_status check_pool(const struct session *session, uint64_t size,
 static enum bvhd_status replace_pool(struct session *session, int descriptor, uint64_t size, struct bvhd_error *error)
 {
     struct service *service = session->service;
-    struct payload_file file = {descriptor, size, service->options.max_pool, "pool", &service->memory};
+    struct payload_file file = {descriptor,         size, service->options.max_pool, "pool", &service->memory,
+                                session->peer.share};
     struct payload *pool;
     enum bvhd_status status = payload_open_pool(&file, &pool, error);
-    descriptors_give(&service->descriptors, 1);
     if (status != BVHD_OK)
         return status;
     payload_unref(session->pool);

@@ -5,12 +5,10 @@
 #include <string.h>
 #include <sys/socket.h>
 
-#include "daemon/system/release.h"
-
 enum {
     MOST_ACCEPTED = 16, /* clients in one call of accept_waiting */
     RETRY_MS = 100,
-    KEPT_DESCRIPTORS = 2 * DESCRIPTORS_RESERVE /* that accepting leaves free */
+    KEPT_DESCRIPTORS = DESCRIPTORS_RESERVE + 16 /* that accepting leaves free */
 };
 
 static void on_poll(uv_poll_t *poll, int status, int events);
@@ -33,14 +31,29 @@ static void pause_accepting(struct acceptor *acceptor, const char *why)
     uv_timer_start(&acceptor->retry, on_retry, RETRY_MS, 0);
 }
 
-static bool find_peer(int socket, struct session_peer *ret_peer)
+/*
+ * Finds out who the client is, and charges the socket to its user, or if that fails, to nobody's share, which serves to
+ * refuse the client. A byte that was sent with MSG_OOB becomes one of the stream's: it could not be read
+ * otherwise, and the kernel would close descriptors that came with it.
+ */
+static enum bvhd_status find_peer(struct acceptor *acceptor, int socket, struct session_peer *ret_peer,
+                                  struct bvhd_error *error)
 {
-    struct ucred credentials;
+    struct ucred credentials = {0};
     socklen_t size = sizeof credentials;
-    if (getsockopt(socket, SOL_SOCKET, SO_PEERCRED, &credentials, &size))
-        return false;
+    int yes = 1;
+    bool known = getsockopt(socket, SOL_SOCKET, SO_PEERCRED, &credentials, &size) == 0 &&
+                 setsockopt(socket, SOL_SOCKET, SO_OOBINLINE, &yes, sizeof yes) == 0;
     *ret_peer = (struct session_peer){.uid = credentials.uid, .pid = credentials.pid};
-    return true;
+    struct descriptors *descriptors = service_descriptors(acceptor->group->service);
+    struct descriptor_share *share = known ? descriptor_share_open(descriptors, credentials.uid) : NULL;
+    ret_peer->share =
+        share ? share : descriptor_share_open(descriptors, DESCRIPTOR_SHARE_NOBODY); /* which exists already */
+    descriptor_share_add(ret_peer->share, 1);
+    if (share)
+        return BVHD_OK;
+    return known ? bvhd_error_no_memory(error, "connection", "no memory for another user")
+                 : bvhd_error_set(error, BVHD_IO, "connection", "the client's user cannot be found out");
 }
 
 /*
@@ -70,6 +83,10 @@ static enum bvhd_status check_room(const struct acceptor *acceptor, const struct
     if (conn_group_count_uid(acceptor->group, peer->uid) >= share)
         return bvhd_error_set(error, BVHD_BUSY, "connection", "this user has %u connections open, the most allowed",
                               share);
+    if (!descriptor_share_has_room(peer->share, INLET_DESCRIPTORS))
+        return bvhd_error_set(error, BVHD_BUSY, "connection",
+                              "this user holds %u of the daemon's descriptors, as many as are left for others",
+                              atomic_load(&peer->share->used));
     return BVHD_OK;
 }
 
@@ -77,21 +94,23 @@ static void take_client(struct acceptor *acceptor, int socket)
 {
     struct session_peer peer;
     struct bvhd_error error;
-    struct descriptors *descriptors = service_descriptors(acceptor->group->service);
-    enum bvhd_status status = find_peer(socket, &peer) ? check_room(acceptor, &peer, &error)
-                                                       : bvhd_error_set(&error, BVHD_IO, "connection",
-                                                                        "the client's user cannot be found out");
+    uint32_t suppressed;
+    enum bvhd_status status = find_peer(acceptor, socket, &peer, &error);
+    if (status == BVHD_OK)
+        status = check_room(acceptor, &peer, &error);
     if (status == BVHD_OK) {
-        if (conn_open(acceptor->group, socket, &peer, &error) != BVHD_OK)
-            log_event(LOG_WARNING, "connection_not_opened", "why=%s", log_quote(error.text).text);
+        if (conn_open(acceptor->group, socket, &peer, &error) != BVHD_OK &&
+            log_limit_pass(&acceptor->not_opened_log, &suppressed))
+            log_event(LOG_WARNING, "connection_not_opened", "uid=%u pid=%d why=%s suppressed=%u", peer.uid,
+                      (int)peer.pid, log_quote(error.text).text, suppressed);
         return;
     }
-    uint32_t suppressed;
     if (log_limit_pass(&acceptor->refused_log, &suppressed))
-        log_event(LOG_WARNING, "connection_refused", "why=%s suppressed=%u", log_quote(error.text).text, suppressed);
+        log_event(LOG_WARNING, "connection_refused", "uid=%u pid=%d why=%s suppressed=%u", peer.uid, (int)peer.pid,
+                  log_quote(error.text).text, suppressed);
     send_refusal(acceptor, socket, &error);
-    release_descriptor(socket);
-    descriptors_give(descriptors, 1);
+    inlet_close_socket(socket, peer.share);
+    descriptor_share_close(peer.share);
 }
 
 /* Returns the socket of the next client, or -1 when no client waits or accepting had to be paused. */
@@ -136,9 +155,14 @@ enum bvhd_status accept_open(struct acceptor *acceptor, struct conn_group *group
                              struct bvhd_error *error)
 {
     *acceptor = (struct acceptor){.group = group, .socket = socket, .max_connections = max_connections};
+    acceptor->nobody = descriptor_share_open(service_descriptors(group->service), DESCRIPTOR_SHARE_NOBODY);
+    if (!acceptor->nobody)
+        return bvhd_error_no_memory(error, "socket", "no memory to accept clients");
     int result = uv_poll_init(group->loop, &acceptor->poll, socket);
-    if (result)
+    if (result) {
+        descriptor_share_close(acceptor->nobody);
         return bvhd_error_set(error, BVHD_IO, "socket", "the event loop does not take it: %s", uv_strerror(result));
+    }
     uv_timer_init(group->loop, &acceptor->retry);
     acceptor->poll.data = acceptor->retry.data = acceptor;
     acceptor->open = true;
@@ -151,6 +175,7 @@ void accept_close(struct acceptor *acceptor)
     if (!acceptor || !acceptor->open)
         return;
     acceptor->open = false;
+    descriptor_share_close(acceptor->nobody);
     uv_close((uv_handle_t *)&acceptor->poll, NULL);
     uv_close((uv_handle_t *)&acceptor->retry, NULL);
 }

@@ -5,14 +5,7 @@
 #include <string.h>
 #include <sys/socket.h>
 
-#include "daemon/system/release.h"
-
 enum { DISCARD_READS = 16 /* from a broken client in one iteration of the loop */ };
-
-static struct descriptors *descriptors_of(const struct conn *conn)
-{
-    return service_descriptors(conn->group->service);
-}
 
 static uint64_t now_of(const struct conn *conn)
 {
@@ -95,9 +88,8 @@ void conn_close(struct conn *conn)
     conn_group_remove(conn->group, conn);
     uv_close((uv_handle_t *)&conn->poll, on_closed);
     uv_close((uv_handle_t *)&conn->timer, on_closed);
-    shutdown(conn->socket, SHUT_RDWR); /* so that the client sees the end now, and not when the socket is released */
-    release_descriptor(conn->socket);
-    descriptors_give(descriptors_of(conn), 1);
+    inlet_close_socket(conn->socket, conn->peer.share);
+    descriptor_share_close(conn->peer.share);
 }
 
 /* Ends the connection of a client that is gone or was given up. While descriptors are unread, the struct stays. */
@@ -133,7 +125,7 @@ static void fail(struct conn *conn, const struct bvhd_error *error)
     conn->state = CONN_ENDING;
     conn->readable = true;
     conn->reading_waits = conn->reading_full = conn->failed = false;
-    conn->hello_by = conn->read_by = 0;
+    conn->hello_by = conn->read_by = conn->frame_by = 0;
     conn->end_by = now_of(conn) + conn->group->limits.linger_ms;
 }
 
@@ -206,21 +198,32 @@ static bool take_frames(struct conn *conn)
 static void discard_input(struct conn *conn)
 {
     for (int i = 0; conn->readable && i < DISCARD_READS; i++) {
-        enum inlet_result result = inlet_discard(&conn->inlet);
-        conn->lost |= result == INLET_END;
+        enum inlet_result result = inlet_discard(conn->socket, conn->peer.share);
+        conn->lost |= result == INLET_END || result == INLET_SHORT;
         conn->readable = result == INLET_DATA;
     }
 }
 
+/* A shortage that the client's own user causes is no excuse: it may be that of descriptors in unfinished frames. */
+static bool is_short_of_room(const struct conn *conn)
+{
+    return conn->reading_waits && descriptor_share_has_room(conn->peer.share, INLET_DESCRIPTORS);
+}
+
 static void read_frames(struct conn *conn)
 {
-    bool progress = take_frames(conn), waits_for_client = conn->state == CONN_OPEN &&
-                                                          inlet_is_mid_frame(&conn->inlet) && !conn->reading_waits &&
-                                                          !conn->reading_full;
+    const struct conn_limits *limits = &conn->group->limits;
+    uint64_t now = now_of(conn), begin;
+    bool progress = take_frames(conn);
+    bool waits_for_client = inlet_is_mid_frame(&conn->inlet, &begin) && conn->state == CONN_OPEN &&
+                            !is_short_of_room(conn) && !conn->reading_full;
     if (!waits_for_client)
-        conn->read_by = 0;
+        conn->read_by = conn->frame_by = 0;
     else if (progress || !conn->read_by)
-        conn->read_by = now_of(conn) + conn->group->limits.stall_ms;
+        conn->read_by = now + limits->stall_ms;
+    if (waits_for_client && (!conn->frame_by || begin != conn->frame_begin))
+        conn->frame_by = now + limits->frame_ms;
+    conn->frame_begin = begin;
     if (progress)
         conn->pause_ms = 0;
 }
@@ -239,7 +242,8 @@ static void write_replies(struct conn *conn)
     conn->hint_failed = !progress && (conn->hint_failed || conn->writable);
     conn->writable = false;
     conn->writing = state;
-    if (state == OUTBOX_EMPTY && !presses(conn))
+    bool waits_for_client = state != OUTBOX_EMPTY && state != OUTBOX_WAITING; /* the latter: for other clients */
+    if (!waits_for_client && !presses(conn))
         conn->write_by = 0;
     else if (progress || !conn->write_by)
         conn->write_by = now_of(conn) + conn->group->limits.stall_ms;
@@ -264,9 +268,11 @@ static void check_deadlines(struct conn *conn)
         fail(conn, &error);
         write_replies(conn);
     }
-    if (has_passed(conn, conn->read_by) || has_passed(conn, conn->write_by)) {
-        log_event(LOG_INFO, "client_stalled", PEER_FORMAT " replies=%u", PEER_VALUES(&conn->peer),
-                  conn->outbox.replies);
+    if (has_passed(conn, conn->read_by) || has_passed(conn, conn->frame_by) || has_passed(conn, conn->write_by)) {
+        uint32_t suppressed;
+        if (log_limit_pass(&conn->group->stalled_log, &suppressed))
+            log_event(LOG_INFO, "client_stalled", PEER_FORMAT " replies=%u suppressed=%u", PEER_VALUES(&conn->peer),
+                      conn->outbox.replies, suppressed);
         conn->lost = true;
     }
     conn->lost |= has_passed(conn, conn->end_by);
@@ -293,7 +299,8 @@ static void set_timer(struct conn *conn)
         conn->pause_ms = doubled < longest ? doubled : longest;
         conn->retry_at = now_of(conn) + conn->pause_ms;
     }
-    const uint64_t deadlines[] = {conn->hello_by, conn->read_by, conn->write_by, conn->end_by, conn->retry_at};
+    const uint64_t deadlines[] = {conn->hello_by, conn->read_by, conn->frame_by,
+                                  conn->write_by, conn->end_by,  conn->retry_at};
     uint64_t next = 0, now = now_of(conn);
     for (size_t i = 0; i < sizeof deadlines / sizeof *deadlines; i++)
         if (deadlines[i] && (!next || deadlines[i] < next))
@@ -354,8 +361,8 @@ static void init(struct conn *conn, int socket)
 {
     static const struct outbox_events events = {.done = reply_done, .read = result_read};
     conn->socket = socket;
-    inlet_init(&conn->inlet, socket, descriptors_of(conn), service_frame_memory(conn->group->service));
-    outbox_init(&conn->outbox, socket, descriptors_of(conn), &events, conn);
+    inlet_init(&conn->inlet, socket, conn->peer.share, service_frame_memory(conn->group->service));
+    outbox_init(&conn->outbox, socket, conn->peer.share, &events, conn);
     uv_timer_init(conn->group->loop, &conn->timer);
     conn->poll.data = conn->timer.data = conn;
     conn->handles = 2;
@@ -383,8 +390,8 @@ enum bvhd_status conn_open(struct conn_group *group, int socket, const struct se
     }
     if (status != BVHD_OK) {
         free(conn);
-        release_descriptor(socket);
-        descriptors_give(service_descriptors(group->service), 1);
+        inlet_close_socket(socket, peer->share);
+        descriptor_share_close(peer->share);
         return status;
     }
     init(conn, socket);

@@ -55,12 +55,15 @@ struct conn {
     bool hint_failed;
     struct bvhd_error failure;
     uint32_t pause_ms; /* before the next retry; doubles with each */
-    uint64_t hello_by, read_by, write_by, end_by, retry_at; /* deadlines in milliseconds of uv_now(); 0: none */
+    /* deadlines in milliseconds of uv_now(); 0: none */
+    uint64_t hello_by, read_by, frame_by, write_by, end_by, retry_at;
+    uint64_t frame_begin; /* what frame_by is for: where the unfinished frame begins in the client's stream */
 };
 
 /*
  * Opens a connection with a session. `socket` is non-blocking and close-on-exec, and the caller has counted it
- * (descriptors_take). The connection takes it over, and gives its count back; this is also true when the call fails.
+ * (descriptors_take) and charged it to peer->share, which is open. The connection takes over both, and gives them back;
+ * this is also true when the call fails.
  */
 enum bvhd_status conn_open(struct conn_group *group, int socket, const struct session_peer *peer,
                            struct bvhd_error *error);

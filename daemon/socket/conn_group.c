@@ -11,6 +11,7 @@ struct conn_limits conn_limits_default(void)
     return (struct conn_limits){
         .hello_ms = 5000,
         .stall_ms = 30000,
+        .frame_ms = 300000,
         .linger_ms = 1000,
         .held_ms = 1000,
         .retry_ms = 50,

@@ -24,6 +24,7 @@
 struct conn_limits {
     uint32_t hello_ms; /* from connecting until HELLO is answered */
     uint32_t stall_ms; /* how long a client may leave replies unread, or a frame incomplete, without any progress */
+    uint32_t frame_ms; /* how long a frame may take to arrive, however it progresses */
     uint32_t linger_ms; /* how long a client has to read an error */
     /* the longest pause between two checks whether a client has read its descriptors, or, once dropped, closed them */
     uint32_t held_ms;
@@ -52,7 +53,7 @@ struct conn_group {
     struct list due; /* for this iteration */
     struct list costly; /* for this iteration after `due`, and the next ones, as time allows */
     struct list later; /* for the next iteration */
-    struct log_limit broken_log; /* for log lines about connections that end with an error */
+    struct log_limit broken_log, stalled_log; /* for log lines about clients that are dropped */
 };
 
 /* Starts the group, without connections. `loop` and `service` must outlive it. */

@@ -2,31 +2,33 @@
 #include "daemon/socket/inlet.h"
 
 #include <errno.h>
+#include <linux/sockios.h>
 #include <string.h>
+#include <sys/ioctl.h>
 #include <sys/socket.h>
+#include <unistd.h>
 
 #include "daemon/system/release.h"
 
-void inlet_init(struct inlet *inlet, int socket, struct descriptors *descriptors, struct memory *memory)
+void inlet_init(struct inlet *inlet, int socket, struct descriptor_share *share, struct memory *memory)
 {
     inlet->socket = socket;
-    inlet->descriptors = descriptors;
+    inlet->share = share;
     frame_parser_init(&inlet->parser, memory, INLET_FIRST_CONTROL, 0);
 }
 
 /* Releases descriptors instead of leaving them to the parser, since closing what a client has sent can block. */
-static void close_descriptors(struct inlet *inlet, const int *descriptors, uint32_t count)
+static void close_descriptors(struct descriptor_share *share, const int *descriptors, uint32_t count)
 {
     for (uint32_t i = 0; i < count; i++)
-        release_descriptor(descriptors[i]);
-    descriptors_give(inlet->descriptors, count);
+        release_descriptor(share, descriptors[i]);
 }
 
 void inlet_finish(struct inlet *inlet)
 {
     if (!inlet)
         return;
-    close_descriptors(inlet, inlet->parser.descriptors, inlet->parser.descriptor_count);
+    close_descriptors(inlet->share, inlet->parser.descriptors, inlet->parser.descriptor_count);
     inlet->parser.descriptor_count = 0;
     frame_parser_finish(&inlet->parser);
 }
@@ -37,21 +39,17 @@ void inlet_open(struct inlet *inlet)
     inlet->parser.max_inline = FRAME_MAX_INLINE;
 }
 
-/*
- * MOST_AT_ONCE is the most descriptors that the kernel lets through in one message. There is room for all of them,
- * because recvmsg would close the others itself, and that can block for as long as their sender likes (release.h).
- */
-enum { MOST_AT_ONCE = 253, DISCARD_SIZE = 16 * 1024 };
+enum { DISCARD_SIZE = 16 * 1024, CLOSING_READS = 16 /* of what a client has left in its socket */ };
 
 struct received {
     ssize_t size; /* the result of recvmsg */
     int number; /* errno */
     uint32_t count; /* of descriptors */
     bool cut; /* more descriptors were sent than were kept */
-    int descriptors[MOST_AT_ONCE];
+    int descriptors[DESCRIPTORS_MESSAGE];
 };
 
-static uint32_t received_descriptors(struct msghdr *message, int ret_descriptors[MOST_AT_ONCE])
+static uint32_t received_descriptors(struct msghdr *message, int ret_descriptors[DESCRIPTORS_MESSAGE])
 {
     uint32_t count = 0;
     for (struct cmsghdr *head = CMSG_FIRSTHDR(message); head; head = CMSG_NXTHDR(message, head))
@@ -63,11 +61,19 @@ static uint32_t received_descriptors(struct msghdr *message, int ret_descriptors
     return count;
 }
 
-static void receive_message(int socket, void *bytes, uint64_t size, struct received *ret_arrival)
+/*
+ * Receives one message. The descriptors that come with it are counted and charged to the share. Returns false, and
+ * receives nothing, if there might be no room for them.
+ */
+static bool receive_message(int socket, struct descriptor_share *share, void *bytes, uint64_t size,
+                            struct received *ret_arrival)
 {
+    if (!descriptor_share_has_room(share, INLET_DESCRIPTORS) ||
+        !descriptors_take(share->descriptors, DESCRIPTORS_MESSAGE, DESCRIPTORS_OWN))
+        return false;
     union {
         struct cmsghdr align;
-        char bytes[CMSG_SPACE(MOST_AT_ONCE * sizeof(int))];
+        char bytes[CMSG_SPACE(DESCRIPTORS_MESSAGE * sizeof(int))];
     } control;
     struct iovec vector = {bytes, size};
     struct msghdr message = {
@@ -76,13 +82,16 @@ static void receive_message(int socket, void *bytes, uint64_t size, struct recei
     ret_arrival->number = errno;
     ret_arrival->count = ret_arrival->size > 0 ? received_descriptors(&message, ret_arrival->descriptors) : 0;
     ret_arrival->cut = message.msg_flags & MSG_CTRUNC;
+    descriptors_give(share->descriptors, DESCRIPTORS_MESSAGE - ret_arrival->count);
+    descriptor_share_add(share, ret_arrival->count);
+    return true;
 }
 
-/* Releases the descriptors beyond those that were counted in advance. No honest client sends as many. */
-static void keep_counted(struct received *arrival)
+/* Releases the descriptors beyond those of one frame. No honest client sends as many. */
+static void keep_allowed(struct descriptor_share *share, struct received *arrival)
 {
     for (; arrival->count > INLET_DESCRIPTORS; arrival->cut = true)
-        release_descriptor(arrival->descriptors[--arrival->count]);
+        release_descriptor(share, arrival->descriptors[--arrival->count]);
 }
 
 static enum inlet_result result_of_error(int number)
@@ -100,7 +109,7 @@ static enum bvhd_status feed(struct inlet *inlet, uint64_t size, const int *desc
 {
     if (count <= FRAME_QUEUE - inlet->parser.descriptor_count)
         return frame_parser_feed(&inlet->parser, size, descriptors, count, error);
-    close_descriptors(inlet, descriptors, count);
+    close_descriptors(inlet->share, descriptors, count);
     return bvhd_error_set(error, BVHD_TOO_LARGE, "frame.descriptors", "more than %d descriptors wait for their frames",
                           FRAME_QUEUE);
 }
@@ -112,12 +121,10 @@ static enum inlet_result receive(struct inlet *inlet, uint64_t *ret_size, struct
     enum bvhd_status status = frame_parser_space(&inlet->parser, &at, &space, error);
     if (status != BVHD_OK)
         return status == BVHD_NO_MEMORY ? INLET_SHORT : INLET_BROKEN;
-    if (!descriptors_take(inlet->descriptors, INLET_DESCRIPTORS, 0))
-        return INLET_SHORT;
     struct received arrival;
-    receive_message(inlet->socket, at, space, &arrival);
-    keep_counted(&arrival);
-    descriptors_give(inlet->descriptors, INLET_DESCRIPTORS - arrival.count);
+    if (!receive_message(inlet->socket, inlet->share, at, space, &arrival))
+        return INLET_SHORT;
+    keep_allowed(inlet->share, &arrival);
     if (arrival.size <= 0)
         return arrival.size < 0 ? result_of_error(arrival.number) : INLET_END;
     *ret_size = (uint64_t)arrival.size;
@@ -131,16 +138,50 @@ static enum inlet_result receive(struct inlet *inlet, uint64_t *ret_size, struct
     return (uint64_t)arrival.size < space ? INLET_LAST : INLET_DATA;
 }
 
-enum inlet_result inlet_discard(struct inlet *inlet)
+enum inlet_result inlet_read(int socket, struct descriptor_share *share, void *bytes, uint64_t size, uint64_t *ret_size)
 {
-    char discarded[DISCARD_SIZE];
     struct received arrival;
-    receive_message(inlet->socket, discarded, sizeof discarded, &arrival);
-    for (uint32_t i = 0; i < arrival.count; i++)
-        release_descriptor(arrival.descriptors[i]);
+    if (!receive_message(socket, share, bytes, size, &arrival))
+        return INLET_SHORT;
+    close_descriptors(share, arrival.descriptors, arrival.count);
     if (arrival.size <= 0)
         return arrival.size < 0 ? result_of_error(arrival.number) : INLET_END;
+    *ret_size = (uint64_t)arrival.size;
     return INLET_DATA;
+}
+
+enum inlet_result inlet_discard(int socket, struct descriptor_share *share)
+{
+    char discarded[DISCARD_SIZE];
+    uint64_t size;
+    return inlet_read(socket, share, discarded, sizeof discarded, &size);
+}
+
+static bool has_unread(int socket)
+{
+    int bytes;
+    return ioctl(socket, SIOCINQ, &bytes) != 0 || bytes != 0;
+}
+
+/* Discards what is unread in a socket that was shut down. Returns whether nothing is left. */
+static bool empty_socket(int socket, struct descriptor_share *share)
+{
+    int reads = 0;
+    while (has_unread(socket))
+        if (reads++ == CLOSING_READS || inlet_discard(socket, share) != INLET_DATA)
+            return false;
+    return true;
+}
+
+void inlet_close_socket(int socket, struct descriptor_share *share)
+{
+    shutdown(socket, SHUT_RDWR);
+    if (empty_socket(socket, share)) {
+        close(socket);
+        descriptor_share_give(share, 1);
+    } else {
+        release_descriptor(share, socket);
+    }
 }
 
 enum inlet_result inlet_receive(struct inlet *inlet, uint64_t *ret_size, struct bvhd_error *error)
@@ -154,7 +195,9 @@ enum bvhd_status inlet_next(struct inlet *inlet, struct frame *ret_frame, bool *
     return frame_parser_next(&inlet->parser, ret_frame, ret_found, error);
 }
 
-bool inlet_is_mid_frame(const struct inlet *inlet)
+bool inlet_is_mid_frame(const struct inlet *inlet, uint64_t *ret_begin)
 {
-    return inlet->parser.begin != inlet->parser.end;
+    uint64_t have = inlet->parser.end - inlet->parser.begin;
+    *ret_begin = inlet->parser.fed - have;
+    return have > 0;
 }

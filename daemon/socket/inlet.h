@@ -2,26 +2,27 @@
 /*
  * inlet.h - reads a client's socket into its frame parser, and counts descriptors before they arrive. Loop thread only.
  *
- * If the process had no descriptors left, the kernel would drop those that come with a message, and the daemon could
- * not tell an honest client from one that breaks the protocol. So nothing is read unless INLET_DESCRIPTORS more
- * descriptors can be opened.
+ * No descriptor of a client may be closed on the loop, because that can block for as long as its owner likes
+ * (release.h). The kernel closes those itself, within the daemon's call, that come with a message and find no room. So
+ * nothing is read unless as many descriptors can be opened as any message brings, and those that arrive are charged to
+ * the client's user. The user's clients have to wait while it has no room for INLET_DESCRIPTORS more.
  */
 #ifndef BVHD_INLET_H
 #define BVHD_INLET_H
 
-#include "daemon/system/descriptors.h"
+#include "daemon/system/descriptor_share.h"
 #include "proto/wire/frame.h"
 
 enum {
-    /* the most descriptors that one read accepts; more at once break the protocol */
-    INLET_DESCRIPTORS = 16,
+    /* the most descriptors that one read accepts: those of a frame; more at once break the protocol */
+    INLET_DESCRIPTORS = FRAME_MAX_DESCRIPTORS,
     /* the most bytes of a control message before HELLO is answered; inline bytes are not allowed until then */
     INLET_FIRST_CONTROL = 4096,
 };
 
 struct inlet {
     int socket; /* non-blocking; it belongs to the caller of inlet_init */
-    struct descriptors *descriptors; /* where descriptors that arrive are counted */
+    struct descriptor_share *share; /* what descriptors that arrive are charged to */
     struct frame_parser parser;
 };
 
@@ -34,8 +35,8 @@ enum inlet_result {
     INLET_BROKEN, /* the client broke the protocol; the error says how */
 };
 
-/* `socket`, `descriptors` and `memory` (for the parser) have to outlive the inlet. */
-void inlet_init(struct inlet *inlet, int socket, struct descriptors *descriptors, struct memory *memory);
+/* `socket`, `share` and `memory` (for the parser) have to outlive the inlet. */
+void inlet_init(struct inlet *inlet, int socket, struct descriptor_share *share, struct memory *memory);
 
 /* Closes the descriptors that belong to no complete frame, and frees the parser's memory. `inlet` may be NULL. */
 void inlet_finish(struct inlet *inlet);
@@ -47,18 +48,28 @@ void inlet_open(struct inlet *inlet);
 enum inlet_result inlet_receive(struct inlet *inlet, uint64_t *ret_size, struct bvhd_error *error);
 
 /*
- * Reads from the socket once, and discards the bytes and descriptors: for a client that broke the protocol. It can be
- * called after inlet_finish.
+ * Reads up to `size` bytes from a socket once, and discards descriptors that come with them: for clients that do not
+ * speak in frames. *ret_size is the number of bytes with INLET_DATA only. inlet_discard discards the bytes, too: for a
+ * client that broke the protocol.
  */
-enum inlet_result inlet_discard(struct inlet *inlet);
+enum inlet_result inlet_read(int socket, struct descriptor_share *share, void *bytes, uint64_t size,
+                             uint64_t *ret_size);
+enum inlet_result inlet_discard(int socket, struct descriptor_share *share);
+
+/*
+ * Ends a connection in both directions, so that the client sees the end, and closes the socket, which is counted and
+ * charged to `share`. What is unread in the socket is discarded first: a socket without descriptors in it is closed at
+ * once. Only one in which too many are left goes to release_descriptor.
+ */
+void inlet_close_socket(int socket, struct descriptor_share *share);
 
 /*
  * Returns the next complete frame, as frame_parser_next does. The frame's descriptors now belong to the caller, who has
- * to close them and to give back their count (descriptors_give).
+ * to close them and to give them back to the share.
  */
 enum bvhd_status inlet_next(struct inlet *inlet, struct frame *ret_frame, bool *ret_found, struct bvhd_error *error);
 
-/* Returns whether a frame has arrived in part. */
-bool inlet_is_mid_frame(const struct inlet *inlet);
+/* Returns whether a frame has arrived in part. If so, *ret_begin is where it begins in the client's stream. */
+bool inlet_is_mid_frame(const struct inlet *inlet, uint64_t *ret_begin);
 
 #endif

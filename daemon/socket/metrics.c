@@ -7,7 +7,7 @@
 #include <string.h>
 #include <sys/socket.h>
 
-#include "daemon/system/release.h"
+#include "daemon/socket/inlet.h"
 #include "proto/base/container_of.h"
 
 enum { HEAD_SIZE = 256 };
@@ -42,9 +42,7 @@ static void close_client(struct client *client)
     memory_free(metrics->options.memory, client->body);
     uv_close((uv_handle_t *)&client->poll, on_closed);
     uv_close((uv_handle_t *)&client->timer, on_closed);
-    shutdown(client->socket, SHUT_RDWR);
-    release_descriptor(client->socket);
-    descriptors_give(metrics->options.descriptors, 1);
+    inlet_close_socket(client->socket, metrics->share);
 }
 
 static void on_timer(uv_timer_t *timer)
@@ -121,13 +119,14 @@ static bool send_answer(struct client *client)
 /* Reads once. Returns false when the client is gone. */
 static bool receive(struct client *client)
 {
-    ssize_t size =
-        recv(client->socket, client->request + client->received, METRICS_REQUEST - client->received, MSG_DONTWAIT);
-    if (size < 0)
-        return errno == EAGAIN || errno == EWOULDBLOCK || errno == EINTR;
+    uint64_t size;
+    enum inlet_result result = inlet_read(client->socket, client->metrics->share, client->request + client->received,
+                                          METRICS_REQUEST - client->received, &size);
+    if (result != INLET_DATA)
+        return result == INLET_NOTHING;
     client->received += (size_t)size;
     answer(client);
-    return size > 0;
+    return true;
 }
 
 static void on_client(uv_poll_t *poll, int status, int events)
@@ -150,8 +149,7 @@ static void add_client(struct metrics *metrics, int socket)
     struct client *client = calloc(1, sizeof *client);
     if (!client || uv_poll_init(metrics->loop, &client->poll, socket)) {
         free(client);
-        release_descriptor(socket);
-        descriptors_give(metrics->options.descriptors, 1);
+        inlet_close_socket(socket, metrics->share);
         return;
     }
     client->metrics = metrics;
@@ -173,18 +171,31 @@ static void on_retry(uv_timer_t *timer)
     uv_poll_start(&metrics->poll, UV_READABLE, on_listener);
 }
 
-/* Returns the socket of the next client, or -1. After an error it pauses, since the loop would spin otherwise. */
-static int take_socket(struct metrics *metrics)
+/* After an error the socket stays readable, and without a pause the loop would spin. */
+static void pause_accepting(struct metrics *metrics)
 {
     enum { RETRY_MS = 100 };
+    uv_poll_stop(&metrics->poll);
+    uv_timer_start(&metrics->retry, on_retry, RETRY_MS, 0);
+}
+
+/* Returns the socket of the next client, which is counted and charged to the share, or -1. */
+static int take_socket(struct metrics *metrics)
+{
+    if (!descriptors_take(metrics->options.descriptors, 1, DESCRIPTORS_RESERVE)) {
+        pause_accepting(metrics);
+        return -1;
+    }
     int inlined = 1, socket = accept4(metrics->listener.socket, NULL, NULL, SOCK_CLOEXEC | SOCK_NONBLOCK);
     if (socket >= 0) {
         setsockopt(socket, SOL_SOCKET, SO_OOBINLINE, &inlined, sizeof inlined); /* urgent bytes are bytes like others */
-    } else if (errno != EAGAIN && errno != EWOULDBLOCK) {
-        uv_poll_stop(&metrics->poll);
-        uv_timer_start(&metrics->retry, on_retry, RETRY_MS, 0);
+        descriptor_share_add(metrics->share, 1);
+        return socket;
     }
-    return socket;
+    descriptors_give(metrics->options.descriptors, 1);
+    if (errno != EAGAIN && errno != EWOULDBLOCK)
+        pause_accepting(metrics);
+    return -1;
 }
 
 /* One client for each call, so that nobody keeps the loop; the socket stays readable while more wait. */
@@ -197,27 +208,34 @@ static void on_listener(uv_poll_t *poll, int status, int events)
     int socket = take_socket(metrics);
     if (socket < 0)
         return;
-    if (metrics->count < METRICS_CLIENTS &&
-        descriptors_take(metrics->options.descriptors, 1, 2 * DESCRIPTORS_RESERVE)) {
+    bool has_room = metrics->count < METRICS_CLIENTS && descriptor_share_has_room(metrics->share, 1);
+    if (has_room) {
         add_client(metrics, socket);
         return;
     }
     if (log_limit_pass(&metrics->refused_log, &suppressed))
         log_event(LOG_WARNING, "metrics_refused", "clients=%u suppressed=%u", metrics->count, suppressed);
-    release_descriptor(socket);
+    inlet_close_socket(socket, metrics->share);
 }
 
 enum bvhd_status metrics_open(struct metrics *metrics, uv_loop_t *loop, const struct metrics_options *options,
                               struct bvhd_error *error)
 {
     *metrics = (struct metrics){.options = *options, .loop = loop};
+    struct descriptor_share *share = descriptor_share_open(options->descriptors, DESCRIPTOR_SHARE_METRICS);
+    if (!share)
+        return bvhd_error_no_memory(error, options->path, "no memory to accept clients");
     enum bvhd_status status = listen_bind(options->path, &metrics->listener, error);
-    if (status != BVHD_OK)
+    if (status != BVHD_OK) {
+        descriptor_share_close(share);
         return status;
+    }
     if (uv_poll_init(loop, &metrics->poll, metrics->listener.socket)) {
+        descriptor_share_close(share);
         listen_close(&metrics->listener);
         return bvhd_error_set(error, BVHD_IO, options->path, "the event loop does not take the socket");
     }
+    metrics->share = share;
     uv_timer_init(loop, &metrics->retry);
     metrics->poll.data = metrics->retry.data = metrics;
     metrics->open = true;
@@ -235,4 +253,5 @@ void metrics_close(struct metrics *metrics)
     uv_close((uv_handle_t *)&metrics->poll, NULL);
     uv_close((uv_handle_t *)&metrics->retry, NULL);
     listen_close(&metrics->listener);
+    descriptor_share_close(metrics->share);
 }

@@ -41,6 +41,7 @@ struct metrics {
     uv_timer_t retry; /* runs while accepting is paused */
     bool open;
     struct list clients;
+    struct descriptor_share *share; /* of all clients together */
     uint32_t count; /* of clients */
     struct log_limit refused_log;
 };

@@ -14,10 +14,10 @@ enum {
     LEAST_MESSAGE = 512, /* bytes that the kernel counts for any message at least: its own structs are larger */
 };
 
-void outbox_init(struct outbox *outbox, int socket, struct descriptors *descriptors, const struct outbox_events *events,
+void outbox_init(struct outbox *outbox, int socket, struct descriptor_share *share, const struct outbox_events *events,
                  void *context)
 {
-    *outbox = (struct outbox){.socket = socket, .descriptors = descriptors, .events = *events, .context = context};
+    *outbox = (struct outbox){.socket = socket, .share = share, .events = *events, .context = context};
     outbox->end = &outbox->first;
 }
 
@@ -68,7 +68,7 @@ static void limit_unread(struct outbox *outbox, uint32_t unread)
     for (uint32_t i = 0; i < read; i++)
         bytes += outbox->unread_sizes[i];
     memmove(outbox->unread_sizes, outbox->unread_sizes + read, unread * sizeof *outbox->unread_sizes);
-    descriptors_read(outbox->descriptors, read);
+    descriptor_share_read(outbox->share, read);
     outbox->unread = unread;
     outbox->events.read(outbox->context, bytes);
 }
@@ -185,7 +185,7 @@ static enum outbox_state begin_descriptor(struct outbox *outbox, bool *progress)
         make_buffer_small(outbox);
         return OUTBOX_UNREAD;
     }
-    if (!descriptors_send(outbox->descriptors, 1))
+    if (!descriptor_share_send(outbox->share))
         return OUTBOX_WAITING;
     outbox->unread_sizes[outbox->unread++] = outbox->first->blob->size;
     return OUTBOX_EMPTY;
@@ -193,7 +193,7 @@ static enum outbox_state begin_descriptor(struct outbox *outbox, bool *progress)
 
 static void take_back_descriptor(struct outbox *outbox)
 {
-    descriptors_read(outbox->descriptors, 1);
+    descriptor_share_read(outbox->share, 1);
     outbox->unread--;
 }
 

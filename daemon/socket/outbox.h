@@ -3,8 +3,9 @@
  * outbox.h - the queue of replies that are to be written to one client's socket, in order. Loop thread only.
  *
  * A reply's descriptor is sent with the first byte of its frame. The kernel counts descriptors that a client has not
- * read yet against the daemon's user. So at most OUTBOX_MAX_UNREAD are unread by one client, and by all clients
- * together at most half of those that the process is allowed to open (descriptors.h).
+ * read yet against the daemon's user. So at most OUTBOX_MAX_UNREAD are unread by one client, by the clients of one user
+ * at most as many as are left for others (descriptor_share.h), and by all clients together at most half of those that
+ * the process is allowed to open (descriptors.h).
  *
  * The kernel tells on request how much a client has not read yet, but it has no event for it. A socket with a small
  * send buffer is nearly as good: it becomes writable when almost everything was read. This is only a hint, so a caller
@@ -13,7 +14,7 @@
 #ifndef BVHD_OUTBOX_H
 #define BVHD_OUTBOX_H
 
-#include "daemon/system/descriptors.h"
+#include "daemon/system/descriptor_share.h"
 #include "daemon/session/reply.h"
 
 enum { OUTBOX_MAX_UNREAD = 4 };
@@ -26,7 +27,7 @@ struct outbox_events {
 
 struct outbox {
     int socket; /* non-blocking; it belongs to the caller of outbox_init */
-    struct descriptors *descriptors; /* where unread descriptors are counted */
+    struct descriptor_share *share; /* where unread descriptors are counted */
     struct outbox_events events;
     void *context;
     struct reply *first, **end;
@@ -48,8 +49,8 @@ enum outbox_state {
     OUTBOX_LOST, /* the client is gone */
 };
 
-/* Makes an empty queue. `socket` and `descriptors` have to outlive it. */
-void outbox_init(struct outbox *outbox, int socket, struct descriptors *descriptors, const struct outbox_events *events,
+/* Makes an empty queue. `socket` and `share` have to outlive it. */
+void outbox_init(struct outbox *outbox, int socket, struct descriptor_share *share, const struct outbox_events *events,
                  void *context);
 
 /* Drops all replies, and no longer counts unread descriptors. `outbox` may be NULL. */

@@ -104,6 +104,12 @@ void descriptors_lingered(void)
     subtract(&lingering, 1);
 }
 
+uint32_t descriptors_sendable(const struct descriptors *descriptors)
+{
+    uint32_t most = descriptors->limit / 2, unread = atomic_load_explicit(&descriptors->unread, memory_order_relaxed);
+    return unread < most ? most - unread : 0;
+}
+
 bool descriptors_send(struct descriptors *descriptors, uint32_t count)
 {
     return add_within(&descriptors->unread, count, descriptors->limit / 2);

@@ -10,7 +10,6 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "daemon/system/descriptors.h"
 #include "daemon/system/detached.h"
 
 /* A queued call of munmap or close. */
@@ -19,6 +18,7 @@ struct release {
     void *address; /* NULL for a descriptor */
     uint64_t size;
     int descriptor;
+    struct descriptor_share *share; /* NULL: the descriptor is charged to nobody */
 };
 
 /* A queue, and the threads that work on it. They end when the queue is empty. */
@@ -44,7 +44,7 @@ static void carry_out(const struct release *release)
         (void)result;
     } else {
         close(release->descriptor);
-        descriptors_lingered();
+        descriptor_share_lingered(release->share);
     }
 }
 
@@ -117,7 +117,7 @@ void release_mapping(void *address, uint64_t size)
 
 void release_memfd(int descriptor, uint64_t size)
 {
-    descriptors_linger();
+    descriptor_share_linger(NULL);
     release_own(&(struct release){.descriptor = descriptor, .size = size});
 }
 
@@ -134,14 +134,23 @@ static bool is_memfd(int descriptor, uint64_t *ret_size)
     return true;
 }
 
-void release_descriptor(int descriptor)
+static void give_back(struct descriptor_share *share)
+{
+    if (share)
+        descriptor_share_give(share, 1);
+}
+
+void release_descriptor(struct descriptor_share *share, int descriptor)
 {
     uint64_t size;
     if (is_memfd(descriptor, &size)) {
         release_memfd(descriptor, size);
+        give_back(share);
     } else if (fcntl(descriptor, F_GETFD) >= 0) {
-        descriptors_linger();
+        descriptor_share_linger(share);
         /* Without memory it stays open, and counted. */
-        hand_over(&foreign, &(struct release){.descriptor = descriptor});
+        hand_over(&foreign, &(struct release){.descriptor = descriptor, .share = share});
+    } else {
+        give_back(share);
     }
 }

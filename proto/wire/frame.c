@@ -217,6 +217,19 @@ enum bvhd_status frame_parser_feed(struct frame_parser *parser, uint64_t size, c
 }
 
 /*
+ * Checks the descriptors that have come while a frame is under way. They all belong to it, so there are not more than
+ * it declares, or than any frame has while its header is not complete.
+ */
+static enum bvhd_status check_waiting(const struct frame_parser *parser, const struct frame_header *header,
+                                      struct bvhd_error *error)
+{
+    uint32_t most = header ? header->descriptors : FRAME_MAX_DESCRIPTORS;
+    if (parser->descriptor_count > most)
+        return bvhd_error_set(error, BVHD_CORRUPT, "frame.descriptors", "%u allowed, more came", most);
+    return BVHD_OK;
+}
+
+/*
  * Checks that a complete frame, which ends at position `end` of the stream, has exactly the descriptors that came with
  * it.
  */
@@ -264,6 +277,9 @@ enum bvhd_status frame_parser_next(struct frame_parser *parser, struct frame *re
     if (status != BVHD_OK)
         return status;
     if (!found || parser->end - parser->begin < size_of(&header)) {
+        status = check_waiting(parser, found ? &header : NULL, error);
+        if (status != BVHD_OK)
+            return break_parser(parser, status);
         *ret_found = false;
         return BVHD_OK;
     }

@@ -9,8 +9,8 @@
  *
  * The parser queues descriptors in the order of arrival, and a complete frame claims as many as it declares. The frame
  * is wrong if fewer have come. It is also wrong if one is left whose read ended within this frame or before it, because
- * that descriptor cannot belong to a later frame. After a wrong frame no byte can be trusted, so the connection has to
- * end.
+ * that descriptor cannot belong to a later frame. So an unfinished frame cannot hold more than it declares. After a
+ * wrong frame no byte can be trusted, so the connection has to end.
  */
 #ifndef BVHD_FRAME_H
 #define BVHD_FRAME_H

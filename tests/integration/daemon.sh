@@ -182,16 +182,21 @@ start
 kill -TERM "$daemon"
 ended 0 'a stale socket'
 
-# With few descriptors it starts and answers.
+# With few descriptors it starts and answers; with fewer it says so instead of listening.
 # shellcheck disable=SC3045 # every sh that matters has it
-if (ulimit -n 64 && "$bvhd" --version) >/dev/null 2>&1; then
+if (ulimit -n 512 && "$bvhd" --version) >/dev/null 2>&1; then
     # shellcheck disable=SC3045
-    (ulimit -n 64 && exec "$bvhd" --socket s --no-cache) 2>log &
+    (ulimit -n 512 && exec "$bvhd" --socket s --no-cache) 2>log &
     daemon=$!
     started="$started $daemon"
-    eventually 'it answers with 64 descriptors' "$helper" ping s
+    eventually 'it answers with 512 descriptors' "$helper" ping s
     kill -TERM "$daemon"
-    ended 0 '64 descriptors'
+    ended 0 '512 descriptors'
+    # shellcheck disable=SC3045
+    (ulimit -n 64 && exec timeout 20 "$bvhd" --socket s --no-cache) >out 2>err
+    expect 'with 64 descriptors it does not start' [ $? -eq 1 ]
+    expect 'it says what is missing' grep -q '^bvhd: file descriptors: .* can be opened, and at least .*ulimit' err
+    expect 'it leaves no socket' gone s
 fi
 
 # What it says of itself: a line for each slow structure, and the socket for monitoring.

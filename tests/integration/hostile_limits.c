@@ -14,7 +14,7 @@
 
 #include "tests/support/daemon/hostile.h"
 
-enum { FEW_DESCRIPTORS = 64 };
+enum { FEW_DESCRIPTORS = 512 };
 
 static struct hostile hostile;
 

@@ -75,6 +75,24 @@ static struct test_lingering without_a_frame(void)
     return pair;
 }
 
+/* The descriptor comes with a byte out of band, which a reader that does not ask for it skips. */
+static struct test_lingering out_of_band(void)
+{
+    struct raw_client client;
+    struct test_lingering pair;
+    connect_to(&client);
+    raw_hello(&client);
+    if (!test_lingering_make(&pair))
+        exit(1);
+    stop_daemon();
+    bool sent = raw_send_urgent(&client, 'x', &pair.sender, 1) && raw_send(&client, "y", 1, NULL, 0);
+    close(pair.sender);
+    kill(hostile.service.pid, SIGCONT);
+    hostile_expect(raw_await_close(&client, 5000, NULL) || !sent, "bytes out of band: the connection stays");
+    raw_close(&client);
+    return pair;
+}
+
 /* There are more descriptors than one read accepts. */
 static struct test_lingering beyond_the_most(void)
 {
@@ -128,7 +146,7 @@ static const struct {
     struct test_lingering (*run)(void);
 } cases[] = {
     {"in the door", in_the_door},     {"without a frame", without_a_frame}, {"beyond the most", beyond_the_most},
-    {"after the end", after_the_end}, {"as a payload", as_a_payload},
+    {"after the end", after_the_end}, {"as a payload", as_a_payload},       {"out of band", out_of_band},
 };
 
 int main(int argc, char **argv)

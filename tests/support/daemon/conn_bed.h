@@ -62,7 +62,10 @@ static inline struct bed_client *bed_connect(struct bed *bed, uint32_t uid)
         i++;
     assert_int_equal(socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0, pair), 0);
     assert_true(descriptors_take(&bed->service.descriptors, 1, 0));
-    const struct session_peer peer = {.uid = uid, .pid = 1};
+    const struct session_peer peer = {
+        .uid = uid, .pid = 1, .share = descriptor_share_open(&bed->service.descriptors, uid)};
+    assert_non_null(peer.share);
+    descriptor_share_add(peer.share, 1);
     uv_update_time(&bed->loop);
     assert_int_equal(conn_open(&bed->group, pair[0], &peer, NULL), BVHD_OK);
     bed->clients[i] = (struct bed_client){.socket = pair[1]};

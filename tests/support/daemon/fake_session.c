@@ -8,6 +8,7 @@
 
 struct session {
     struct fake_service *service;
+    struct descriptor_share *share;
     struct session_link link;
     bool open, fails_when_sent;
 };
@@ -54,11 +55,10 @@ bool service_has_deadlines(const struct service *service)
 enum bvhd_status session_open(struct service *service, const struct session_peer *peer, const struct session_link *link,
                               struct session **ret_session, struct bvhd_error *error)
 {
-    (void)peer;
     if (fake(service)->refuse)
         return bvhd_error_no_memory(error, "session", "told to refuse");
     struct session *session = calloc(1, sizeof *session);
-    *session = (struct session){.service = fake(service), .link = *link};
+    *session = (struct session){.service = fake(service), .share = peer->share, .link = *link};
     session->service->opened++;
     *ret_session = session;
     return BVHD_OK;
@@ -97,7 +97,7 @@ static void close_descriptors(struct session *session, const struct frame *frame
 {
     for (int i = 0; i < frame->header.descriptors; i++)
         close(frame->descriptors[i]);
-    descriptors_give(&session->service->descriptors, frame->header.descriptors);
+    descriptor_share_give(session->share, frame->header.descriptors);
 }
 
 static void take_long(void)

@@ -28,6 +28,20 @@ void hostile_expect(bool good, const char *format, ...)
     failures++;
 }
 
+/* Connects and says HELLO. A client that is refused tries again, as the protocol asks it to, for five seconds. */
+static bool join(const struct hostile *hostile, struct raw_client *client)
+{
+    for (double begin = hostile_now(); hostile_now() - begin < 5000;) {
+        if (!raw_connect(client, hostile->service.socket))
+            return false;
+        if (raw_try_hello(client))
+            return true;
+        raw_close(client);
+        nanosleep(&(struct timespec){.tv_nsec = 5000000}, NULL);
+    }
+    return false;
+}
+
 uint64_t hostile_counter(struct hostile *hostile, const char *name)
 {
     struct raw_client client;
@@ -35,9 +49,8 @@ uint64_t hostile_counter(struct hostile *hostile, const char *name)
     struct frame answer;
     struct control_counters *counters;
     uint64_t value = UINT64_MAX;
-    if (!raw_connect(&client, hostile->service.socket))
+    if (!join(hostile, &client))
         return value;
-    raw_hello(&client);
     if (raw_send_frame(&client, &question) && raw_await(&client, FRAME_COUNTERS, 5000, &answer) &&
         control_unpack_counters(answer.control, &client.memory, &counters, NULL) == BVHD_OK) {
         for (uint32_t i = 0; i < counters->count; i++)
@@ -83,10 +96,9 @@ double hostile_serves(struct hostile *hostile, const char *when, double limit_ms
     unsigned char *payload = raw_payload(100, ++seed, &size);
     struct control_item item = raw_item(0, size, SOURCE_INLINE);
     double begin = hostile_now();
-    bool connected = raw_connect(&client, hostile->service.socket);
+    bool connected = join(hostile, &client);
     hostile_expect(connected, "%s: nobody else can connect", when);
     if (connected) {
-        raw_hello(&client);
         raw_build(&client, &item, 1, (struct bytes){payload, size}, NULL, NULL, 0);
         bool came = raw_await(&client, FRAME_RESULT, 20000, &frame);
         hostile_expect(came, "%s: nobody else is served", when);

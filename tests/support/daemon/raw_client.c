@@ -78,11 +78,12 @@ void raw_close(struct raw_client *client)
 }
 
 /* Sends bytes with their descriptors. Returns -1 when the daemon has closed the connection. */
-static ssize_t send_part(int socket, const unsigned char *bytes, size_t size, const int *descriptors, uint32_t count)
+static ssize_t send_part(int socket, const unsigned char *bytes, size_t size, const int *descriptors, uint32_t count,
+                         int flags)
 {
     union {
         struct cmsghdr header;
-        char space[CMSG_SPACE(64 * sizeof(int))];
+        char space[CMSG_SPACE(RAW_MAX_DESCRIPTORS * sizeof(int))];
     } control;
     struct iovec part = {(void *)(uintptr_t)bytes, size};
     struct msghdr message = {.msg_iov = &part, .msg_iovlen = 1};
@@ -96,7 +97,7 @@ static ssize_t send_part(int socket, const unsigned char *bytes, size_t size, co
     }
     ssize_t sent;
     do
-        sent = sendmsg(socket, &message, MSG_NOSIGNAL);
+        sent = sendmsg(socket, &message, flags | MSG_NOSIGNAL);
     while (sent < 0 && errno == EINTR);
     return sent;
 }
@@ -105,7 +106,7 @@ bool raw_send(struct raw_client *client, const void *bytes, size_t size, const i
 {
     const unsigned char *at = bytes;
     while (size > 0) {
-        ssize_t sent = send_part(client->socket, at, size, descriptors, count);
+        ssize_t sent = send_part(client->socket, at, size, descriptors, count, 0);
         if (sent < 0)
             return false;
         at += sent;
@@ -113,6 +114,11 @@ bool raw_send(struct raw_client *client, const void *bytes, size_t size, const i
         count = 0;
     }
     return true;
+}
+
+bool raw_send_urgent(struct raw_client *client, unsigned char byte, const int *descriptors, uint32_t count)
+{
+    return send_part(client->socket, &byte, 1, descriptors, count, MSG_OOB) == 1;
 }
 
 unsigned char *raw_frame_bytes(const struct raw_frame *frame, size_t *ret_size)
@@ -234,7 +240,7 @@ bool raw_await_close(struct raw_client *client, int timeout_ms, struct bvhd_erro
     return closed;
 }
 
-void raw_hello(struct raw_client *client)
+bool raw_try_hello(struct raw_client *client)
 {
     struct control_hello hello = {
         .version_min = CONTROL_VERSION, .version_max = CONTROL_VERSION, .software = "raw client"};
@@ -244,10 +250,15 @@ void raw_hello(struct raw_client *client)
         fail("hello");
     bool welcome = raw_send_frame(client, &frame) && raw_await(client, FRAME_WELCOME, 10000, &answer);
     memory_free(&client->memory, (void *)(uintptr_t)frame.control.data);
-    if (!welcome) {
-        fputs("no WELCOME\n", stderr);
-        exit(1);
-    }
+    return welcome;
+}
+
+void raw_hello(struct raw_client *client)
+{
+    if (raw_try_hello(client))
+        return;
+    fputs("no WELCOME\n", stderr);
+    exit(1);
 }
 
 struct control_item raw_item(uint64_t payload_offset, uint64_t payload_size, enum control_source source)

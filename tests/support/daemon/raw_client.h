@@ -13,6 +13,8 @@
 #include "proto/wire/frame.h"
 #include "proto/wire/rows.h"
 
+enum { RAW_MAX_DESCRIPTORS = 253 }; /* of one message: the kernel allows no more */
+
 struct raw_client {
     int socket;
     struct memory memory;
@@ -32,6 +34,9 @@ bool raw_connect_as(struct raw_client *client, const char *path, unsigned uid);
 /* Sends HELLO and receives WELCOME. Ends the program when none comes. */
 void raw_hello(struct raw_client *client);
 
+/* The same; returns false when none comes, because the client was refused. */
+bool raw_try_hello(struct raw_client *client);
+
 /* Closes everything. It can be called again. */
 void raw_close(struct raw_client *client);
 
@@ -40,6 +45,9 @@ void raw_close(struct raw_client *client);
  * The descriptors stay open and belong to the caller.
  */
 bool raw_send(struct raw_client *client, const void *bytes, size_t size, const int *descriptors, uint32_t count);
+
+/* Sends one byte out of band (MSG_OOB), with descriptors. Returns false on any failure. */
+bool raw_send_urgent(struct raw_client *client, unsigned char byte, const int *descriptors, uint32_t count);
 
 /* A frame of any kind. `control` and `inline_bytes` may be empty. */
 struct raw_frame {

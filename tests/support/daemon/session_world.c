@@ -275,11 +275,15 @@ static struct world_client *connect_as(struct session_world *world, uint32_t uid
     client->end_held = &client->first_held;
     memory_init(&client->memory, UINT64_MAX);
     const struct session_link link = {.send = keep, .fail = note_failure, .context = client};
-    const struct session_peer peer = {uid, 4711, world->client_count};
+    struct descriptor_share *share = descriptor_share_open(service_descriptors(world->service), uid);
+    assert_non_null(share);
+    const struct session_peer peer = {uid, 4711, world->client_count, share};
     if (session_open(world->service, &peer, &link, &client->session, &error) != BVHD_OK) {
+        descriptor_share_close(share);
         world->client_count--;
         return NULL;
     }
+    client->share = share;
     return client;
 }
 
@@ -291,6 +295,7 @@ void world_leave(struct world_client *client)
     client->session = NULL;
     let_replies_leave(client);
     session_close(session);
+    descriptor_share_close(client->share);
 }
 
 struct world_client *world_join_silent(struct session_world *world)
@@ -316,6 +321,7 @@ enum bvhd_status world_send(struct world_client *client, const struct frame *fra
 {
     struct descriptors *descriptors = service_descriptors(client->world->service);
     assert_true(descriptors_take(descriptors, frame->header.descriptors, 0));
+    descriptor_share_add(client->share, frame->header.descriptors);
     enum bvhd_status status = session_frame(client->session, frame, error);
     client->failed |= status == BVHD_NO_MEMORY;
     if (!client->hold)

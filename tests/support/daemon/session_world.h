@@ -36,6 +36,7 @@ struct world_event {
 struct world_client {
     struct session_world *world;
     struct session *session; /* NULL once it was closed */
+    struct descriptor_share *share;
     struct memory memory;
     struct world_event *events;
     uint32_t event_count, event_capacity;

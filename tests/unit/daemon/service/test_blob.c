@@ -33,7 +33,7 @@ static const uint64_t sizes[] = {1,
                                  BLOB_MAPPED_MIN + 1,
                                  5000000};
 
-enum { SIZE_COUNT = sizeof sizes / sizeof sizes[0], DESCRIPTORS = 100 };
+enum { SIZE_COUNT = sizeof sizes / sizeof sizes[0], DESCRIPTORS = 1000 };
 
 static struct memory memory;
 static struct descriptors descriptors;

@@ -354,6 +354,7 @@ static void test_failing_allocations(void **state)
 /* ---- attachments ---- */
 
 static struct descriptors descriptors;
+static struct descriptor_share *share;
 
 static int make_file(const void *bytes, uint64_t size, unsigned seals)
 {
@@ -362,6 +363,7 @@ static int make_file(const void *bytes, uint64_t size, unsigned seals)
     assert_int_equal(write(descriptor, bytes, size), size);
     assert_int_equal(fcntl(descriptor, F_ADD_SEALS, seals), 0);
     assert_true(descriptors_take(&descriptors, 1, 0));
+    descriptor_share_add(share, 1);
     return descriptor;
 }
 
@@ -369,8 +371,8 @@ enum { ALL_SEALS = F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_WRITE | F_SEAL_SEAL };
 
 static struct attachment *attach(int descriptor, uint64_t size)
 {
-    const struct payload_file file = {descriptor, size, 1 << 20, "memfds[1]", &memory};
-    return attachment_create(&file, &descriptors);
+    const struct payload_file file = {descriptor, size, 1 << 20, "memfds[1]", &memory, share};
+    return attachment_create(&file);
 }
 
 static bool is_closed(int descriptor)
@@ -460,5 +462,6 @@ int main(void)
         TEST(test_attachments_that_nobody_opens_are_closed),
     };
     descriptors_init(&descriptors);
+    share = descriptor_share_open(&descriptors, 1000);
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

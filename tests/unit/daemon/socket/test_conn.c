@@ -107,14 +107,14 @@ static void test_linger_ends(void **state)
     struct bed bed;
     struct conn_limits limits = conn_limits_default();
     (void)state;
-    limits.linger_ms = 30;
+    limits.linger_ms = 400;
     bed_open(&bed, &limits);
     struct bed_client *client = bed_connect(&bed, 1);
     bed_send(client, FAKE_WRONG, 1);
     bed_pump(&bed, 0);
     assert_int_equal(bed.service.closed, 1);
     assert_int_equal(bed.group.count, 1);
-    bed_pump(&bed, 60);
+    bed_pump(&bed, 450);
     assert_int_equal(bed.group.count, 0);
     bed_close(&bed);
 }
@@ -258,7 +258,11 @@ static void test_refused_session(void **state)
     bed.service.refuse = true;
     assert_int_equal(socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0, pair), 0);
     assert_true(descriptors_take(&bed.service.descriptors, 1, 0));
-    assert_int_equal(conn_open(&bed.group, pair[0], &(struct session_peer){0}, NULL), BVHD_NO_MEMORY);
+    const struct session_peer peer = {.share = descriptor_share_open(&bed.service.descriptors, 0)};
+    descriptor_share_add(peer.share, 1);
+    assert_int_equal(conn_open(&bed.group, pair[0], &peer, NULL), BVHD_NO_MEMORY);
+    assert_int_equal(peer.share->used, 0);
+    assert_int_equal(peer.share->holders, 0);
     assert_int_equal(bed.service.descriptors.used, 0);
     assert_int_equal(poll(&(struct pollfd){.fd = pair[1], .events = POLLIN}, 1, 2000), 1);
     assert_int_equal(recv(pair[1], &byte, 1, 0), 0);

@@ -183,14 +183,16 @@ static void test_waiting_is_quiet(void **state)
     }
 }
 
-/* All clients together have at most half of the limit unread; further replies wait until some of them read. */
+/*
+ * All clients together have at most half of the limit unread, and those of one user as many as are left for others: of
+ * seven, the first user gets four, and the second one two of the other three. Further replies wait until some are read.
+ */
 static void test_descriptors_of_all(void **state)
 {
     struct bed bed;
     (void)state;
     bed_open(&bed, NULL);
-    bed.service.descriptors.limit = 12 + 4 + 2 * INLET_DESCRIPTORS;
-    atomic_store(&bed.service.descriptors.unread, bed.service.descriptors.limit / 2 - 6);
+    atomic_store(&bed.service.descriptors.unread, bed.service.descriptors.limit / 2 - 7);
     struct bed_client *first = bed_connect(&bed, 1), *second = bed_connect(&bed, 2);
     bed_hello(&bed, first);
     bed_hello(&bed, second);
@@ -207,7 +209,7 @@ static void test_descriptors_of_all(void **state)
     bed_hang_up(first);
     bed_hang_up(second);
     bed_pump(&bed, 0);
-    assert_int_equal(bed.service.descriptors.unread, bed.service.descriptors.limit / 2 - 6);
+    assert_int_equal(bed.service.descriptors.unread, bed.service.descriptors.limit / 2 - 7);
     atomic_store(&bed.service.descriptors.unread, 0);
     bed_close(&bed);
 }
@@ -284,6 +286,47 @@ static void test_unfinished_frame(void **state)
     bed_pump(&bed, 100);
     assert_int_equal(bed.service.closed, 1);
     assert_int_equal(bed.group.count, 2);
+    bed_close(&bed);
+}
+
+/* A client that sends a frame a byte at a time, for too long, is dropped although it makes progress. */
+static void test_frame_that_trickles(void **state)
+{
+    struct bed bed;
+    struct conn_limits limits = conn_limits_default();
+    unsigned char bytes[FRAME_HEADER_SIZE + 1000] = {0};
+    (void)state;
+    limits.frame_ms = 200;
+    bed_open(&bed, &limits);
+    struct bed_client *client = bed_connect(&bed, 1);
+    bed_hello(&bed, client);
+    frame_header_write(&(struct frame_header){.type = FRAME_PING, .request = 1, .control_size = 1000}, bytes);
+    size_t sent = 0;
+    for (; sent < sizeof bytes && bed.service.closed == 0; sent++) {
+        bed_send_bytes(client, bytes + sent, 1, NULL, 0);
+        bed_pump(&bed, 2);
+    }
+    assert_int_equal(bed.service.closed, 1);
+    assert_in_range(sent, 1, sizeof bytes - 1);
+    bed_close(&bed);
+}
+
+/* A client that reads at once is not dropped for having to wait until others have read. */
+static void test_waits_for_others(void **state)
+{
+    struct bed bed;
+    struct conn_limits limits = conn_limits_default();
+    (void)state;
+    limits.stall_ms = 50;
+    bed_open(&bed, &limits);
+    struct bed_client *client = bed_connect(&bed, 1);
+    bed_hello(&bed, client);
+    atomic_store(&bed.service.descriptors.unread, bed.service.descriptors.limit / 2);
+    bed_send(client, FRAME_GET, 1);
+    bed_pump(&bed, 150);
+    assert_int_equal(bed.service.closed, 0);
+    atomic_store(&bed.service.descriptors.unread, 0);
+    bed_expect(&bed, client, FRAME_RESULT, 1);
     bed_close(&bed);
 }
 
@@ -441,7 +484,7 @@ static void test_short_of_descriptors(void **state)
     bed_open(&bed, NULL);
     struct bed_client *client = bed_connect(&bed, 1);
     bed_hello(&bed, client);
-    use_up_descriptors(&bed, INLET_DESCRIPTORS - 1);
+    use_up_descriptors(&bed, DESCRIPTORS_RESERVE + 1 + INLET_DESCRIPTORS - 1); /* the user holds one: its socket */
     uint32_t used = bed.service.descriptors.used, frames = bed.service.frames;
     int descriptors[4] = {frames_descriptor(NULL), frames_descriptor(NULL), frames_descriptor(NULL),
                           frames_descriptor(NULL)};
@@ -483,7 +526,7 @@ static void test_short_of_memory(void **state)
     bed_close(&bed);
 }
 
-/* The loop sleeps without a timeout while no connection has anything to do. */
+/* The loop sleeps without a timeout once no connection has anything to do and clients have read their results. */
 static void test_idle_costs_nothing(void **state)
 {
     struct bed bed;
@@ -534,6 +577,8 @@ int main(void)
         cmocka_unit_test(test_asks_and_never_reads),
         cmocka_unit_test(test_reads_slowly),
         cmocka_unit_test(test_unfinished_frame),
+        cmocka_unit_test(test_frame_that_trickles),
+        cmocka_unit_test(test_waits_for_others),
         cmocka_unit_test(test_share_of_frames),
         cmocka_unit_test(test_share_of_time),
         cmocka_unit_test(test_costly_ones_come_last),

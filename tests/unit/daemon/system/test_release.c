@@ -144,18 +144,18 @@ static void descriptors_of_clients_are_closed(void **state)
     (void)state;
     int pipes[2], small = make_file(10), large = make_file(LARGE);
     assert_int_equal(pipe2(pipes, O_CLOEXEC), 0);
-    release_descriptor(small);
+    release_descriptor(NULL, small);
     assert_false(is_open(small));
-    release_descriptor(large);
-    release_descriptor(pipes[1]);
+    release_descriptor(NULL, large);
+    release_descriptor(NULL, pipes[1]);
     char byte;
     assert_int_equal(read(pipes[0], &byte, 1), 0); /* the end of the stream: the writing side is closed */
-    release_descriptor(pipes[0]);
+    release_descriptor(NULL, pipes[0]);
     wait_until_all_is_closed();
     assert_false(is_open(large));
     assert_false(is_open(pipes[0]));
-    release_descriptor(pipes[0]);
-    release_descriptor(-1);
+    release_descriptor(NULL, pipes[0]);
+    release_descriptor(NULL, -1);
     assert_int_equal(descriptors_left(&descriptors), LIMIT);
 }
 
@@ -181,7 +181,7 @@ static void the_size_is_that_of_the_pages(void **state)
     release_memfd(pair.sender, LARGE);
     assert_int_equal(ftruncate(descriptor, 1), 0);
     assert_int_equal(fallocate(descriptor, FALLOC_FL_KEEP_SIZE, 0, LARGE), 0);
-    release_descriptor(descriptor);
+    release_descriptor(NULL, descriptor);
     assert_true(is_open(descriptor));
     assert_int_equal(descriptors_left(&descriptors), LIMIT - 2);
     test_lingering_end(&pair);
@@ -204,7 +204,7 @@ static void foreign_descriptors_block_nobody(void **state)
         assert_true(test_lingering_make(&pairs[i]));
     double begun = seconds();
     for (int i = 0; i < COUNT; i++)
-        release_descriptor(pairs[i].sender);
+        release_descriptor(NULL, pairs[i].sender);
     assert_true(seconds() - begun < 20);
     assert_int_equal(descriptors_left(&descriptors), LIMIT - COUNT);
     int own = make_file(LARGE);
@@ -247,7 +247,7 @@ static void unread_descriptors_block_nobody(void **state)
     close(pair.sender);
     close(ends[0]);
     double begun = seconds();
-    release_descriptor(ends[1]);
+    release_descriptor(NULL, ends[1]);
     assert_true(seconds() - begun < 20);
     assert_int_equal(descriptors_left(&descriptors), LIMIT - 1);
     test_lingering_end(&pair);

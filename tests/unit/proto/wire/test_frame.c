@@ -428,16 +428,39 @@ static void descriptors_that_no_frame_declares_are_found(void **state)
     close(story.descriptors[1]);
     close(story.descriptors[2]);
     assert_int_equal(frames_open(), story.open);
-    open_story(&story); /* they come in the middle of that frame, and are detected at its end */
+    open_story(&story); /* they come in the middle of that frame, and are detected before its end */
     assert_int_equal(tell(&story, 0, 40, 0, 3), BVHD_OK);
-    expect_none(&story.parser);
-    assert_int_equal(tell(&story, 40, story.starts[1] + 1, 0, 0), BVHD_OK);
     break_story(&story, 0);
     assert_int_equal(frames_open(), story.open);
     open_story(&story); /* one more comes than is declared */
     assert_int_equal(tell(&story, 0, story.starts[2], 0, 3), BVHD_OK);
     break_story(&story, 1);
     assert_int_equal(frames_open(), story.open);
+}
+
+/* An unfinished frame holds no more descriptors than it declares, or than any frame may have while that is unknown. */
+static void a_frame_that_trickles_holds_few_descriptors(void **state)
+{
+    (void)state;
+    for (uint32_t known = 0; known < 2; known++) {
+        struct frames_stream *stream = empty_stream();
+        frames_add(stream, &(struct frame_header){.type = 3, .descriptors = 2, .control_size = 100, .request = 1});
+        int open = frames_open(), descriptors[FRAME_MAX_DESCRIPTORS + 1];
+        uint64_t at = known ? FRAME_HEADER_SIZE : 1;
+        uint32_t most = known ? 2 : FRAME_MAX_DESCRIPTORS;
+        for (uint32_t i = 0; i <= most; i++)
+            descriptors[i] = frames_descriptor(NULL);
+        struct frame_parser parser;
+        start(&parser);
+        assert_int_equal(feed(&parser, stream->bytes, at, descriptors, most), BVHD_OK);
+        expect_none(&parser);
+        struct frame frame;
+        bool found;
+        assert_int_equal(feed(&parser, stream->bytes + at, 1, descriptors + most, 1), BVHD_OK);
+        assert_int_equal(frame_parser_next(&parser, &frame, &found, NULL), BVHD_CORRUPT);
+        stop(&parser);
+        assert_int_equal(frames_open(), open);
+    }
 }
 
 static void unclaimed_descriptors_are_closed(void **state)
@@ -498,6 +521,7 @@ int main(void)
         cmocka_unit_test(descriptors_arrive_with_any_byte),
         cmocka_unit_test(a_frame_is_complete_without_its_descriptors),
         cmocka_unit_test(descriptors_that_no_frame_declares_are_found),
+        cmocka_unit_test(a_frame_that_trickles_holds_few_descriptors),
         cmocka_unit_test(unclaimed_descriptors_are_closed),
         cmocka_unit_test(the_queue_has_an_end),
     };
