@@ -238,15 +238,43 @@ END
     expect_quietly 'Python builds by the service' as member python3 /home/member/build.py "$socket"
 }
 
+# Prints the names of the packages.
+names()
+{
+    for package in "$packages"/*.deb; do
+        dpkg-deb -f "$package" Package
+    done
+}
+
+# Prints the packages' files in /etc, which belong to the administrator.
+configured()
+{
+    # shellcheck disable=SC2046,SC2016 # a list of words; dpkg fills this in
+    dpkg-query -W -f '${Conffiles}\n' $(names) | sed -n 's/^ \([^ ]*\) .*/\1/p'
+}
+
+# Checks that the administrator's change is in each of these files.
+changed()
+{
+    for file in $configuration; do
+        grep -q '^# a change of the administrator' "$file" || return 1
+    done
+}
+
 # The daemon that runs goes on until it is restarted, which the package asks for. The next one has what was built.
 test_upgrade()
 {
     running=$daemon
+    configuration=$(configured)
+    for file in $configuration; do
+        echo '# a change of the administrator' >>"$file"
+    done
     from_now
     expect_quietly 'the upgrade' apt install "$newer"/*.deb
     expect 'a higher version' [ "$(dpkg-query -W -f '${Version}' bvhd)" = "$(dpkg-deb -f "$newer"/bvhd_*.deb Version)" ]
     expect "the service is restarted if it runs: $(cat "$requests")" asked 'bvhd.service try-restart'
     expect 'the socket is not stopped' not grep -Eq 'bvhd[.]socket (stop|restart|try-restart)' "$requests"
+    expect "the configuration stays: $configuration" changed
     expect_quietly 'the daemon serves' served again
     expect 'it is the same one' [ "$(readlink "/proc/$running/exe")" = '/usr/bin/bvhd (deleted)' ]
     expect_quietly 'the daemon ends in order' stop
@@ -259,14 +287,6 @@ test_upgrade()
     expect_quietly 'and from the disk' same_structures first later
 }
 
-# Prints the names of the packages.
-names()
-{
-    for package in "$packages"/*.deb; do
-        dpkg-deb -f "$package" Package
-    done
-}
-
 test_removal()
 {
     from_now
@@ -274,6 +294,7 @@ test_removal()
     expect_quietly 'removal' apt remove $(names)
     expect "the socket is stopped: $(cat "$requests")" asked 'bvhd.socket stop'
     expect_quietly 'the daemon ends in order again' stop
+    expect "the configuration is kept: $configuration" changed
     # shellcheck disable=SC2046
     expect_quietly 'purge' dpkg --purge $(names)
     files >after
