@@ -37,11 +37,11 @@ with_version()
 check_options()
 {
     commands=$(find "$source" -name compile_commands.json)
-    grep '"command"' "$commands" >"$folder/package-commands"
+    grep '"command"' "$commands" >"$root/commands"
     for option in -ffp-contract=off -fno-fast-math -O3 -D_FORTIFY_SOURCE=2 -fstack-protector-strong; do
-        ! grep -v -e " $option " "$folder/package-commands" || { echo "compiled without $option"; return 1; }
+        ! grep -v -e " $option " "$root/commands" || { echo "compiled without $option"; return 1; }
     done
-    ! grep -E -e '-ffast-math|-ffp-contract=(fast|on)|-march=' "$folder/package-commands"
+    ! grep -E -e '-ffast-math|-ffp-contract=(fast|on)|-march=' "$root/commands"
 }
 
 fresh_needs git dpkg-deb
