@@ -44,7 +44,8 @@
     X(disk_write_dropped) /* results that were not written because too much was waiting */                             \
     X(disk_read_errors) /* results that could not be read, for other reasons than damage */                            \
     X(disk_damaged) /* results on disk that were found damaged and set aside */                                        \
-    X(disk_evicted) /* entries */
+    X(disk_evicted) /* entries */                                                                                      \
+    X(connections_refused) /* clients that were turned away: too many connections, no memory, no descriptors */
 
 #define COUNTERS_OF_LEVELS(X)                                                                                          \
     X(pid)                                                                                                             \

@@ -278,6 +278,11 @@ void service_count_connections(struct service *service, uint32_t open)
     service->connections = open;
 }
 
+void service_count_refusal(struct service *service)
+{
+    service->counters.connections_refused++;
+}
+
 static void count_disk(const struct service *service, struct counters *counters)
 {
     if (!service->disk)

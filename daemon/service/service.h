@@ -79,4 +79,7 @@ bool service_has_deadlines(const struct service *service);
 /* Sets the number of open connections, for the counters. */
 void service_count_connections(struct service *service, uint32_t open);
 
+/* Counts a client that was turned away. */
+void service_count_refusal(struct service *service);
+
 #endif

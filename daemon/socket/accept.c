@@ -99,12 +99,15 @@ static void take_client(struct acceptor *acceptor, int socket)
     if (status == BVHD_OK)
         status = check_room(acceptor, &peer, &error);
     if (status == BVHD_OK) {
-        if (conn_open(acceptor->group, socket, &peer, &error) != BVHD_OK &&
-            log_limit_pass(&acceptor->not_opened_log, &suppressed))
+        if (conn_open(acceptor->group, socket, &peer, &error) == BVHD_OK)
+            return;
+        service_count_refusal(acceptor->group->service);
+        if (log_limit_pass(&acceptor->not_opened_log, &suppressed))
             log_event(LOG_WARNING, "connection_not_opened", "uid=%u pid=%d why=%s suppressed=%u", peer.uid,
                       (int)peer.pid, log_quote(error.text).text, suppressed);
         return;
     }
+    service_count_refusal(acceptor->group->service);
     if (log_limit_pass(&acceptor->refused_log, &suppressed))
         log_event(LOG_WARNING, "connection_refused", "uid=%u pid=%d why=%s suppressed=%u", peer.uid, (int)peer.pid,
                   log_quote(error.text).text, suppressed);

@@ -63,8 +63,9 @@ static void print_work(const struct bvhd_counters *counters)
     printf("queue    %llu under way, %llu build%s running; waiting for memory: %llu to be prepared, %llu to be built\n",
            value(counters, "queue_depth"), running, plural(running), value(counters, "prepares_waiting"),
            value(counters, "builds_waiting"));
-    printf("refused  %llu for lack of room, %llu wrong requests, %llu connections that broke the protocol\n",
-           value(counters, "refused"), value(counters, "request_errors"), value(counters, "protocol_errors"));
+    printf("refused  %llu for lack of room, %llu wrong requests; %llu clients, and %llu that broke the protocol\n",
+           value(counters, "refused"), value(counters, "request_errors"), value(counters, "connections_refused"),
+           value(counters, "protocol_errors"));
 }
 
 static void print_memory(const struct bvhd_counters *counters)

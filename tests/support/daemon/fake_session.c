@@ -40,6 +40,11 @@ void service_count_connections(struct service *service, uint32_t open)
     fake(service)->connections = open;
 }
 
+void service_count_refusal(struct service *service)
+{
+    fake(service)->refused++;
+}
+
 bool service_is_building(const struct service *service)
 {
     (void)service;

@@ -23,6 +23,7 @@ struct fake_service {
     struct memory memory;
     struct descriptors descriptors;
     uint32_t connections; /* as reported last */
+    uint32_t refused; /* clients that were turned away */
     uint32_t opened, closed; /* numbers of sessions */
     uint32_t frames, sent; /* frames received; replies that have been sent */
     uint64_t read_bytes; /* of results whose descriptors clients have read */

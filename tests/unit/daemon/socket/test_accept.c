@@ -106,7 +106,9 @@ static void test_share_of_a_user(void **state)
         bed_hello(&test.bed, clients[i]);
     }
     struct bed_client *fourth = connect_client(&test);
+    assert_int_equal(test.bed.service.refused, 0);
     bed_expect_error(&test.bed, fourth, BVHD_BUSY);
+    assert_int_equal(test.bed.service.refused, 1);
     bed_hang_up(fourth);
     bed_hang_up(clients[0]);
     bed_pump(&test.bed, 0);
@@ -147,6 +149,7 @@ static void test_session_refused(void **state)
     struct bed_client *client = connect_client(&test);
     assert_false(bed_receive(&test.bed, client, &frame));
     assert_true(client->eof);
+    assert_int_equal(test.bed.service.refused, 1);
     assert_int_equal(test.bed.group.count, 0);
     accept_test_close(&test);
 }
