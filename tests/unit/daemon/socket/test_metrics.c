@@ -136,6 +136,8 @@ static void requests_are_answered(void **state)
     starts(ask("GET  /metrics HTTP/1.1\r\n\r\n"), "HTTP/1.0 404 ");
     starts(ask("POST /metrics HTTP/1.1\r\n\r\n"), "HTTP/1.0 405 ");
     starts(ask("\r\n\r\n"), "HTTP/1.0 405 ");
+    starts(ask("\n\n"), "HTTP/1.0 405 ");
+    starts(ask("GET \n\n"), "HTTP/1.0 404 ");
     bed.body_size = 0;
     starts(ask("GET /metrics HTTP/1.1\r\n\r\n"), "HTTP/1.0 503 ");
 }
