@@ -36,6 +36,38 @@ struct release_queue {
 static struct release_queue own = {.mutex = PTHREAD_MUTEX_INITIALIZER, .most_threads = 1};
 static struct release_queue foreign = {.mutex = PTHREAD_MUTEX_INITIALIZER, .most_threads = RELEASE_FOREIGN_THREADS};
 
+/* Entries for times without memory, so that descriptors are closed then, too. The free ones are in a list. */
+enum { SPARES = 256 };
+static struct release spares[SPARES];
+static struct release *free_spare;
+static unsigned used_spares; /* that were in use at any time */
+static pthread_mutex_t spares_mutex = PTHREAD_MUTEX_INITIALIZER;
+
+static struct release *take_spare(void)
+{
+    pthread_mutex_lock(&spares_mutex);
+    struct release *spare = free_spare;
+    if (spare)
+        free_spare = spare->next;
+    else if (used_spares < SPARES)
+        spare = &spares[used_spares++];
+    pthread_mutex_unlock(&spares_mutex);
+    return spare;
+}
+
+static void free_entry(struct release *release)
+{
+    uintptr_t at = (uintptr_t)release;
+    if (at < (uintptr_t)spares || at >= (uintptr_t)(spares + SPARES)) {
+        free(release);
+        return;
+    }
+    pthread_mutex_lock(&spares_mutex);
+    release->next = free_spare;
+    free_spare = release;
+    pthread_mutex_unlock(&spares_mutex);
+}
+
 static void carry_out(const struct release *release)
 {
     if (release->address) {
@@ -66,7 +98,7 @@ static void *work(void *context)
     struct release_queue *queue = context;
     for (struct release *release; (release = take_first(queue));) {
         carry_out(release);
-        free(release);
+        free_entry(release);
     }
     return NULL;
 }
@@ -87,12 +119,15 @@ static bool append(struct release_queue *queue, struct release *release)
 }
 
 /*
- * Queues a copy of `release`. Returns false when there is no memory for it. When no thread can be started, the entry
- * stays in the queue until a running thread of this queue, or one that a later call starts, takes it.
+ * Queues a copy of `release`. Returns false when there is neither memory nor a spare entry for it. When no thread can
+ * be started, the entry stays in the queue until a running thread of this queue, or one that a later call starts, takes
+ * it.
  */
 static bool hand_over(struct release_queue *queue, const struct release *release)
 {
     struct release *queued = malloc(sizeof *queued);
+    if (!queued)
+        queued = take_spare();
     if (!queued)
         return false;
     *queued = *release;
@@ -148,7 +183,7 @@ void release_descriptor(struct descriptor_share *share, int descriptor)
         give_back(share);
     } else if (fcntl(descriptor, F_GETFD) >= 0) {
         descriptor_share_linger(share);
-        /* Without memory it stays open, and counted. */
+        /* When all spare entries are in use, too, it stays open, and counted. */
         hand_over(&foreign, &(struct release){.descriptor = descriptor, .share = share});
     } else {
         give_back(share);

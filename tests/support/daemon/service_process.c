@@ -64,7 +64,7 @@ static void become_daemon(const struct service_process *service, const char *pro
     _exit(127);
 }
 
-void service_process_restart(struct service_process *service, const char *program, const char *const *options)
+bool service_process_try_restart(struct service_process *service, const char *program, const char *const *options)
 {
     service->pid = fork();
     if (service->pid < 0)
@@ -73,21 +73,35 @@ void service_process_restart(struct service_process *service, const char *progra
         become_daemon(service, program, options);
     for (int waited = 0; !answers(service->socket); waited += 5) {
         if (waited > START_MS || !service_process_runs(service)) {
-            show_log(service);
-            fprintf(stderr, "%s does not answer\n", program);
-            exit(1);
+            service_process_kill(service);
+            return false;
         }
         sleep_ms(5);
     }
+    return true;
 }
 
-void service_process_start(struct service_process *service, const char *program, const char *const *options)
+void service_process_restart(struct service_process *service, const char *program, const char *const *options)
+{
+    if (service_process_try_restart(service, program, options))
+        return;
+    show_log(service);
+    fprintf(stderr, "%s does not answer\n", program);
+    exit(1);
+}
+
+void service_process_init(struct service_process *service)
 {
     *service = (struct service_process){.directory = "/tmp/bvhd-test-XXXXXX"};
     if (!mkdtemp(service->directory))
         fail("mkdtemp");
     snprintf(service->socket, sizeof service->socket, "%s/socket", service->directory);
     snprintf(service->log, sizeof service->log, "%s/log", service->directory);
+}
+
+void service_process_start(struct service_process *service, const char *program, const char *const *options)
+{
+    service_process_init(service);
     service_process_restart(service, program, options);
 }
 
@@ -98,6 +112,7 @@ bool service_process_runs(struct service_process *service)
         return false;
     if (waitpid(service->pid, &status, WNOHANG) == 0)
         return true;
+    service->status = status;
     service->pid = 0;
     return false;
 }
@@ -126,7 +141,7 @@ static bool left_well(struct service_process *service)
     return false;
 }
 
-bool service_process_stop(struct service_process *service)
+bool service_process_end(struct service_process *service)
 {
     bool well = true;
     if (service->pid > 0) {
@@ -136,6 +151,12 @@ bool service_process_stop(struct service_process *service)
     service_process_kill(service);
     if (!well)
         show_log(service);
+    return well;
+}
+
+bool service_process_stop(struct service_process *service)
+{
+    bool well = service_process_end(service);
     unlink(service->log);
     unlink(service->socket);
     rmdir(service->directory);

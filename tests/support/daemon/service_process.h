@@ -18,6 +18,7 @@ struct service_process {
     char directory[64];
     char socket[96];
     char log[96]; /* path of a file with its stderr */
+    int status; /* of a process that has ended by itself, as waitpid returns it */
 };
 
 /*
@@ -26,17 +27,26 @@ struct service_process {
  */
 void service_process_start(struct service_process *service, const char *program, const char *const *options);
 
+/* Makes the directory, without a daemon. */
+void service_process_init(struct service_process *service);
+
 /*
  * Sends SIGTERM and waits. Returns true when the daemon exits with status 0 within ten seconds; otherwise it is killed
  * and its log is printed.
  */
 bool service_process_stop(struct service_process *service);
 
+/* The same, but the directory stays, with the log. */
+bool service_process_end(struct service_process *service);
+
 /* Sends SIGKILL and waits. The directory stays until service_process_stop. */
 void service_process_kill(struct service_process *service);
 
 /* Starts the daemon again on the same socket. */
 void service_process_restart(struct service_process *service, const char *program, const char *const *options);
+
+/* The same, but returns false if the daemon ends, or does not answer for twenty seconds, and is killed then. */
+bool service_process_try_restart(struct service_process *service, const char *program, const char *const *options);
 
 bool service_process_runs(struct service_process *service);
 
