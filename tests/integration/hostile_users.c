@@ -312,8 +312,18 @@ static void pause_load(struct load *load, bool pauses)
         sleep_ms(100);
 }
 
-/* Compares the other user's builds on the quiet daemon and beside the load, in turns. Returns both medians. */
-static void measure(const struct scale *scale, double ret_medians[2])
+/* What the daemon has in memory, and what lies in results that clients have not read or hold, in MiB. */
+static double memory_in_use(void)
+{
+    uint64_t held = hostile_counter(&hostile, "results_held_bytes");
+    return (double)(service_process_resident(&hostile.service) + held) / MIB;
+}
+
+/*
+ * Compares the other user's builds on the quiet daemon and beside the load, in turns. Returns both medians, and the most
+ * memory that was in use in each half of the time.
+ */
+static void measure(const struct scale *scale, double ret_medians[2], double ret_memory[2])
 {
     static struct raw_client others[MOST_CONNECTIONS];
     struct load *load = mmap(NULL, sizeof *load, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
@@ -335,6 +345,8 @@ static void measure(const struct scale *scale, double ret_medians[2])
     for (int i = 0; i < 2 * BLOCKS; i++) {
         pause_load(load, i % 2 == 0);
         p99[i % 2][i / 2] = block_p99(&client, scale->samples);
+        double memory = memory_in_use(), *most = &ret_memory[i >= BLOCKS];
+        *most = memory > *most ? memory : *most;
     }
     printf("the load had %u builds done\n", atomic_load(&load->done));
     hostile_expect(atomic_load(&load->done) > 0, "the busy user was not served");
@@ -354,21 +366,24 @@ static void measure(const struct scale *scale, double ret_medians[2])
 static void case_crowd(void)
 {
     static const struct scale scale = {8, 60, 40, 12};
-    double medians[2];
-    measure(&scale, medians);
+    double medians[2], memory[2] = {0};
+    measure(&scale, medians, memory);
     printf("p99 of another user: quiet %.2f ms, beside a crowd %.2f ms\n", medians[0], medians[1]);
 }
 
 static void case_figure(void)
 {
     static const struct scale scale = {100, 2000, 500, SAMPLES};
-    double medians[2];
-    measure(&scale, medians);
+    double medians[2], memory[2] = {0};
+    measure(&scale, medians, memory);
     double limit = medians[0] * 1.5 > medians[0] + 5 ? medians[0] * 1.5 : medians[0] + 5;
     printf("p99 of another user, median of %d blocks: quiet %.2f ms, beside %u stalled clients, %u idle and %u busy "
            "connections %.2f ms; at most %.2f\n",
            BLOCKS, medians[0], scale.stalled, scale.idle, scale.busy, medians[1], limit);
+    printf("memory in use: at most %.0f MiB in the first half, %.0f MiB in the second, of 1024\n", memory[0],
+           memory[1]);
     hostile_expect(medians[1] <= limit, "the other user waits too long");
+    hostile_expect(memory[0] < 1.05 * 1024 && memory[1] < 1.05 * 1024, "more memory is in use than the budget");
 }
 
 static const struct hostile_case {
