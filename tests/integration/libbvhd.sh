@@ -27,6 +27,24 @@ libdir=${libraries#"$prefix/"}
 [ -d "$prefix/lib/systemd" ] && units=none || units='^lib/(systemd|sysusers.d|tmpfiles.d)/'
 grep -vE "$units" "$source/tests/integration/installed.list" | diff - installed >changed
 expect "installed, but not in installed.list (>), or the other way round (<): $(cat changed)" [ ! -s changed ]
+# Each of them is in a Debian package, or listed as being in none.
+is_packaged()
+{
+    for pattern in $patterns; do
+        # shellcheck disable=SC2254 # they are patterns
+        case $1 in
+        $pattern | $pattern/*) return 0 ;;
+        esac
+    done
+    return 1
+}
+set -f
+patterns=$(cat "$source"/debian/not-installed $(find "$source/debian" -name '*.install') | sed 's/^#.*//; s/ .*//')
+sed 's|^LIBDIR/|lib/here/|; s|^PYTHON/|lib/python3/|; /^etc[/]/!s|^|usr/|' installed >paths
+while read -r path; do
+    expect "a package of debian/ has $path" is_packaged "$path"
+done <paths
+set +f
 expect_quietly 'pkg-config asks for the headers' sh -c "echo '$(pkg --cflags)' | grep -q -- '-I$include'"
 expect_quietly 'pkg-config asks for the library alone' \
     sh -c "echo ' $(pkg --libs) ' | grep -Eq '^ *(-L[^ ]+ +)?-lbvhd *$'"
