@@ -320,8 +320,8 @@ static double memory_in_use(void)
 }
 
 /*
- * Compares the other user's builds on the quiet daemon and beside the load, in turns. Returns both medians, and the most
- * memory that was in use in each half of the time.
+ * Compares the other user's builds on the quiet daemon and beside the load, in turns. Returns both medians, and the
+ * most memory that was in use in each half of the time.
  */
 static void measure(const struct scale *scale, double ret_medians[2], double ret_memory[2])
 {
