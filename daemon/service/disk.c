@@ -152,6 +152,7 @@ enum bvhd_status disk_trim(struct disk *disk, uint64_t bytes, struct bvhd_error 
 {
     if (!take_descriptors(disk->account, error))
         return error->status;
+    disk_writer_flush(disk->writer);
     enum bvhd_status status = store_trim_to(disk->store, bytes, error);
     give_descriptors(disk->account);
     return status;
@@ -161,6 +162,7 @@ enum bvhd_status disk_clear(struct disk *disk, struct bvhd_error *error)
 {
     if (!take_descriptors(disk->account, error))
         return error->status;
+    disk_writer_flush(disk->writer);
     enum bvhd_status status = store_clear(disk->store, error);
     give_descriptors(disk->account);
     return status;

@@ -45,7 +45,8 @@ enum bvhd_status disk_read(struct disk *disk, const struct key *key, const atomi
 void disk_keep(struct disk *disk, struct blob *blob);
 
 /*
- * Removes the least recently used entries until at most `bytes` are left; removes all of them. Both block: for workers.
+ * Removes the least recently used entries until at most `bytes` are left; removes all of them. Results that are queued
+ * are written before, so that they do not come afterwards. Both block: for workers.
  * The errors are those of store_trim_to and store_clear, and BVHD_BUSY without free descriptors.
  */
 enum bvhd_status disk_trim(struct disk *disk, uint64_t bytes, struct bvhd_error *error);

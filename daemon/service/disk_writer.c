@@ -20,9 +20,11 @@ struct disk_writer {
     struct log_limit failures; /* used by the thread only */
     pthread_mutex_t lock; /* of the fields below */
     pthread_cond_t changed; /* something was queued, or the thread is to end */
+    pthread_cond_t advanced; /* something has left the queue */
     struct blob *queue[DISK_WRITER_MOST]; /* refs; a ring */
     uint32_t first, count; /* the first one is being written */
     uint64_t bytes, dropped;
+    uint64_t taken; /* results that have left the queue so far */
     bool ends;
     uint64_t deadline_ns; /* once it ends: when to drop what is left */
 };
@@ -111,6 +113,8 @@ static struct blob *remove_first(struct disk_writer *writer)
     writer->first = (writer->first + 1) % DISK_WRITER_MOST;
     writer->count--;
     writer->bytes -= blob->size;
+    writer->taken++;
+    pthread_cond_broadcast(&writer->advanced);
     return blob;
 }
 
@@ -158,6 +162,15 @@ void disk_writer_add(struct disk_writer *writer, struct blob *blob)
     pthread_mutex_unlock(&writer->lock);
 }
 
+void disk_writer_flush(struct disk_writer *writer)
+{
+    pthread_mutex_lock(&writer->lock);
+    uint64_t until = writer->taken + writer->count;
+    while (writer->taken < until)
+        pthread_cond_wait(&writer->advanced, &writer->lock);
+    pthread_mutex_unlock(&writer->lock);
+}
+
 struct disk_writer_load disk_writer_load(struct disk_writer *writer)
 {
     pthread_mutex_lock(&writer->lock);
@@ -175,11 +188,13 @@ static void init_lock(struct disk_writer *writer)
     pthread_condattr_setclock(&attributes, CLOCK_MONOTONIC);
     pthread_mutex_init(&writer->lock, NULL);
     pthread_cond_init(&writer->changed, &attributes);
+    pthread_cond_init(&writer->advanced, NULL);
     pthread_condattr_destroy(&attributes);
 }
 
 static void free_writer(struct disk_writer *writer)
 {
+    pthread_cond_destroy(&writer->advanced);
     pthread_cond_destroy(&writer->changed);
     pthread_mutex_destroy(&writer->lock);
     memory_free(writer->memory, writer);

@@ -31,6 +31,9 @@ void disk_writer_destroy(struct disk_writer *writer, uint64_t patience_ms);
 /* Queues a ref to the result, or drops it. For any thread; never blocks on a disk. */
 void disk_writer_add(struct disk_writer *writer, struct blob *blob);
 
+/* Waits until everything that is queued now has been written or has failed. Blocks: for workers. */
+void disk_writer_flush(struct disk_writer *writer);
+
 struct disk_writer_load {
     uint64_t queued, queued_bytes; /* including the result that is being written */
     uint64_t dropped; /* results so far */

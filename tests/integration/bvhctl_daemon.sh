@@ -417,6 +417,32 @@ expect 'in the directory that was named' [ -e kept/CACHEDIR.TAG ]
 expect "in the user's" [ -e caches/bvhd/CACHEDIR.TAG ]
 run 2 build ball.ply -o again --cache kept --no-cache
 
+# written SOCKET - whether that daemon has written results to disk.
+written()
+{
+    [ "$(counter "$1" disk_written)" -ge 1 ]
+}
+
+# The daemon itself says what it keeps, and forgets it: the user's own one, or the one on a socket that is named.
+run 0 build ball.ply -o again --cache kept --quality fast
+expect 'it writes' within 30 written run/bvhd.sock
+(unset BVHD_CACHE && "$bvhctl" cache clear >out 2>err)
+expect "by the private daemon: $(cat out err)" grep -q "^$scratch/kept: removed [1-9]" out
+run 0 build ball.ply -o again --quality fast --json
+expect 'nothing is in its memory any more' [ "$(grep -o '"cached":true' out | wc -l)" -eq 0 ]
+run 0 stop
+start named.sock --cache kept
+run 0 --socket named.sock build ball.ply -o again
+run 0 --socket named.sock cache trim --disk-cache-size 0 --json
+one_json_object
+expect 'all of it' grep -q "\"directory\":\"$scratch/kept\",\"entries\":0,\"bytes\":0" out
+run 0 --socket named.sock stop
+start named.sock
+run 1 --socket named.sock cache show
+says 'this daemon keeps nothing on disk'
+run 0 --socket named.sock stop
+run 4 --socket named.sock --connect-timeout 0 cache clear
+
 # A daemon on a socket that is named can be stopped, too.
 start named.sock
 run 0 --socket named.sock stop

@@ -49,8 +49,7 @@ static bool are_written(void *context)
     return world_counters(&world).disk_written == *count;
 }
 
-/* Builds `count` meshes, and waits until they are on disk if there is one. */
-static void build_meshes(uint32_t count)
+static void build_without_waiting(uint32_t count)
 {
     for (uint32_t i = 0; i < count; i++) {
         struct world_mesh mesh;
@@ -59,6 +58,12 @@ static void build_meshes(uint32_t count)
         world_await_result(owner, 100 + i, 0);
         world_mesh_finish(&mesh);
     }
+}
+
+/* Builds `count` meshes, and waits until they are on disk if there is one. */
+static void build_meshes(uint32_t count)
+{
+    build_without_waiting(count);
     if (world.service->disk)
         world_await(&world, are_written, &count);
 }
@@ -149,6 +154,16 @@ static void clear_forgets_everything(void **state)
     world_await(&world, is_memory_empty, NULL);
 }
 
+/* Results that still wait to be written do not come after a clear. */
+static void clear_waits_for_the_writer(void **state)
+{
+    (void)state;
+    build_without_waiting(MESHES);
+    send_cache(owner, 1, CACHE_CLEAR, 0);
+    assert_int_equal(await_state(owner, 1)->entries, 0);
+    assert_int_equal(world_counters(&world).disk_written, MESHES);
+}
+
 static void expect_refusal(const struct world_client *client, uint64_t request, const char *text)
 {
     const struct world_event *event = world_find(client, FRAME_ERROR, request, 0);
@@ -237,6 +252,7 @@ int main(void)
         TEST(anybody_may_look),
         TEST(trim_leaves_what_was_used_last),
         TEST(clear_forgets_everything),
+        TEST(clear_waits_for_the_writer),
         TEST(others_may_not_change_anything),
         TEST(unknown_actions_are_unsupported),
         TEST(one_at_a_time),
