@@ -8,6 +8,7 @@
  * With a stride, a random one of every STRIDE calls fails; 1: each one.
  *
  *     requests   each call while requests are built, kept on disk, and answered from there
+ *     storm      some calls of a few random kinds, 10 times; 1,000 times if each call fails
  *     start      each call while the daemon starts: it starts all the same, or says why not
  */
 #include <fcntl.h>
@@ -15,10 +16,11 @@
 #include <string.h>
 #include <sys/stat.h>
 #include <sys/wait.h>
+#include <unistd.h>
 
 #include "tests/support/daemon/fault_bed.h"
 
-enum { KEPT_MS = 150, MOST_CALLS = 4000, START_MS = 10000 };
+enum { ANSWER_MS = 20000, KEPT_MS = 150, MOST_CALLS = 4000, START_MS = 10000 };
 
 static struct fault_bed bed;
 static uint32_t stride;
@@ -65,7 +67,7 @@ static void make_old(struct fault_bed *the_bed, const char *path)
 }
 
 /* Builds a mesh, and asks for it again when it is on disk. */
-static void ask_twice(enum fault_size size, const char *when)
+static struct key ask_twice(enum fault_size size, const char *when)
 {
     struct fault_reply reply = fault_ask(&bed, size, 0);
     judge(&reply, when);
@@ -74,17 +76,53 @@ static void ask_twice(enum fault_size size, const char *when)
     fault_each_entry(&bed, make_old);
     reply = fault_ask(&bed, size, 0);
     judge(&reply, when);
+    return reply.key;
+}
+
+static void pack(struct raw_client *client, enum frame_type type, const struct key *key, struct bytes *ret_control)
+{
+    const struct control_get get = {1, (struct key *)(uintptr_t)key};
+    const struct control_cache show = {.action = CACHE_SHOW};
+    *ret_control = (struct bytes){NULL, 0};
+    if (type == FRAME_GET)
+        control_pack_get(&get, &client->memory, ret_control, NULL);
+    else if (type == FRAME_CACHE)
+        control_pack_cache(&show, &client->memory, ret_control, NULL);
+}
+
+/* Sends a frame of another type than BUILD. Expects an answer, or the end of the connection. */
+static void ask_for_other(enum frame_type type, const struct key *key, const char *when)
+{
+    struct raw_client client;
+    struct raw_frame question = {.header = {.type = (uint16_t)type, .request = 1}};
+    struct frame answer;
+    bool closed = false;
+    if (!fault_connect(&bed, &client)) {
+        answers[FAULT_NOT_WELCOME]++;
+        return;
+    }
+    pack(&client, type, key, &question.control);
+    bool answered = raw_send_frame(&client, &question) && raw_receive(&client, ANSWER_MS, &answer, &closed);
+    hostile_expect(answered || closed, "%s: a frame of type %d is not answered", when, (int)type);
+    answers[answered ? FAULT_RIGHT : FAULT_CLOSED]++;
+    if (answered && answer.header.descriptors > 0)
+        close(answer.descriptors[0]);
+    memory_free(&client.memory, (void *)(uintptr_t)question.control.data);
+    raw_close(&client);
 }
 
 /* Results that are built into mappings take longer than all others together, so they are a case of their own. */
 static void ask(bool large, const char *when)
 {
+    static const enum frame_type others[] = {FRAME_GET, FRAME_STATS, FRAME_PING, FRAME_CACHE, FRAME_CLIENTS};
     if (large) {
         struct fault_reply reply = fault_ask(&bed, FAULT_LARGE, 0);
         judge(&reply, when);
     } else {
         ask_twice(FAULT_SMALL, when);
-        ask_twice(FAULT_MIDDLE, when);
+        struct key key = ask_twice(FAULT_MIDDLE, when);
+        for (size_t i = 0; i < sizeof others / sizeof *others; i++)
+            ask_for_other(others[i], &key, when);
     }
 }
 
@@ -145,6 +183,40 @@ static int test_requests(const struct fault_options *options)
         hostile_expect_clean(&bed.hostile, call_names[call], 10000);
         hostile_expect(tried > 0 || stride > 1 || is_rare((enum fault_call)call), "%s never failed", call_names[call]);
     }
+    int failures = fault_bed_end(&bed);
+    fault_bed_remove(&bed);
+    return failures;
+}
+
+/* ---- several calls ---- */
+
+/* Lets some calls of a few kinds fail during requests. */
+static void try_several(uint32_t round)
+{
+    char when[64];
+    uint64_t calls = 0;
+    for (uint64_t kinds = 1 + random_next(&bed.random) % 4; kinds > 0; kinds--)
+        calls |= UINT64_C(1) << random_next(&bed.random) % FAULT_CALL_COUNT;
+    snprintf(when, sizeof when, "round %u, calls %llx", round, (unsigned long long)calls);
+    if (round % 4 == 0)
+        fault_clear_cache(&bed);
+    fault_bed_arm(&bed, calls, (int64_t)(random_next(&bed.random) % 20), 1 + (int64_t)(random_next(&bed.random) % 8));
+    ask(false, when);
+    fault_bed_disarm(&bed);
+    fault_expect_right(&bed, FAULT_SMALL, 0, when);
+}
+
+static int test_storm(const struct fault_options *options)
+{
+    static const char *const more[] = {"--disk-cache-size", "2M", "--log-level", "error", NULL};
+    const uint32_t rounds = stride == 1 ? 1000 : 10;
+    fault_bed_init(&bed, options, "0", more);
+    fault_bed_start(&bed);
+    memset(answers, 0, sizeof answers);
+    for (uint32_t round = 0; round < rounds && service_process_runs(&bed.hostile.service); round++)
+        try_several(round);
+    printf("%u storms: %u right answers, %u errors, %u refused and %u closed connections\n", rounds,
+           answers[FAULT_RIGHT], answers[FAULT_REFUSED], answers[FAULT_NOT_WELCOME], answers[FAULT_CLOSED]);
     int failures = fault_bed_end(&bed);
     fault_bed_remove(&bed);
     return failures;
@@ -228,6 +300,8 @@ int main(int argc, char **argv)
     fault_learn(&options, meshes);
     if (fault_options_have(&options, "requests"))
         failures = test_requests(&options);
+    if (fault_options_have(&options, "storm"))
+        failures = test_storm(&options);
     if (fault_options_have(&options, "start"))
         failures = test_start(&options);
     return failures != 0;
