@@ -12,7 +12,13 @@
 #include <time.h>
 #include <unistd.h>
 
-enum { LOCK_TRIES = 100, LOCK_PAUSE_MS = 50 };
+enum { LOCK_TRIES = 1000, LOCK_PAUSE_MS = 5 };
+
+/* Serialises daemons that start on one path. */
+struct lock {
+    int file;
+    char path[LISTEN_PATH_SIZE + sizeof ".lock"];
+};
 
 static enum bvhd_status refused(struct bvhd_error *error, const char *path, const char *what)
 {
@@ -32,27 +38,55 @@ static enum bvhd_status make_address(const char *path, struct sockaddr_un *ret_a
     return BVHD_OK;
 }
 
-/*
- * Locks the directory of `path`. The lock ends when the descriptor *ret_lock is closed. A daemon holds it from checking
- * the file until listening on it, which takes almost no time.
- */
-static enum bvhd_status lock_directory(const char *path, int *ret_lock, struct bvhd_error *error)
+/* Opens the lock's file, which must belong to this user alone: a lock on what others can open is theirs to take. */
+static enum bvhd_status open_lock(const char *path, int *ret_lock, struct bvhd_error *error)
 {
-    char directory[LISTEN_PATH_SIZE];
-    const char *slash = strrchr(path, '/');
-    snprintf(directory, sizeof directory, "%.*s", slash ? (int)(slash - path + 1) : 1, slash ? path : ".");
-    int lock = open(directory, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    int lock = open(path, O_RDWR | O_CREAT | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC, 0600);
     if (lock < 0)
-        return refused(error, directory, "the socket's directory");
-    for (int i = 0; flock(lock, LOCK_EX | LOCK_NB); i++) {
-        if (i == LOCK_TRIES || (errno != EWOULDBLOCK && errno != EINTR)) {
-            close(lock);
-            return bvhd_error_set(error, BVHD_BUSY, directory, "the socket's directory is locked by another process");
-        }
-        nanosleep(&(struct timespec){.tv_nsec = LOCK_PAUSE_MS * 1000000L}, NULL);
+        return refused(error, path, "opening the lock");
+    struct stat status;
+    if (fstat(lock, &status) || !S_ISREG(status.st_mode) || status.st_uid != geteuid() || (status.st_mode & 077)) {
+        close(lock);
+        return bvhd_error_set(error, BVHD_BUSY, path, "the lock is not a file of this user alone");
     }
     *ret_lock = lock;
     return BVHD_OK;
+}
+
+/* The daemon that held the lock before has removed its file, so that others may lock a new one. */
+static bool is_current(int lock, const char *path)
+{
+    struct stat locked, found;
+    return !fstat(lock, &locked) && !lstat(path, &found) && locked.st_dev == found.st_dev &&
+           locked.st_ino == found.st_ino;
+}
+
+/*
+ * Locks the file `path`.lock. A daemon holds the lock from checking the socket's file until listening on it, which
+ * takes almost no time.
+ */
+static enum bvhd_status lock_path(const char *path, struct lock *ret_lock, struct bvhd_error *error)
+{
+    struct lock lock;
+    snprintf(lock.path, sizeof lock.path, "%s.lock", path);
+    for (int i = 0; i < LOCK_TRIES; i++) {
+        enum bvhd_status status = open_lock(lock.path, &lock.file, error);
+        if (status != BVHD_OK)
+            return status;
+        if (!flock(lock.file, LOCK_EX | LOCK_NB) && is_current(lock.file, lock.path)) {
+            *ret_lock = lock;
+            return BVHD_OK;
+        }
+        close(lock.file);
+        nanosleep(&(struct timespec){.tv_nsec = LOCK_PAUSE_MS * 1000000L}, NULL);
+    }
+    return bvhd_error_set(error, BVHD_BUSY, lock.path, "another daemon holds the lock");
+}
+
+static void unlock(const struct lock *lock)
+{
+    unlink(lock->path);
+    close(lock->file);
 }
 
 /* Returns 1 if a process listens at the address, 0 if none does, and -1 (with errno) if it could not be found out. */
@@ -111,10 +145,10 @@ enum bvhd_status listen_bind(const char *path, struct listener *ret_listener, st
 {
     struct listener listener = {.socket = -1};
     struct sockaddr_un address;
-    int lock = -1;
+    struct lock lock;
     enum bvhd_status status = make_address(path, &address, error);
     if (status == BVHD_OK)
-        status = lock_directory(path, &lock, error);
+        status = lock_path(path, &lock, error);
     if (status != BVHD_OK)
         return status;
     status = clear_path(&address, error);
@@ -125,7 +159,7 @@ enum bvhd_status listen_bind(const char *path, struct listener *ret_listener, st
         if (status != BVHD_OK)
             close(listener.socket);
     }
-    close(lock);
+    unlock(&lock);
     if (status == BVHD_OK)
         *ret_listener = listener;
     return status;

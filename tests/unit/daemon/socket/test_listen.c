@@ -198,6 +198,42 @@ static void test_race(void **state)
     }
 }
 
+/* A lock on the directory, which anybody can take who may read it, keeps no daemon from starting. */
+static void test_locked_directory(void **state)
+{
+    struct listener listener;
+    (void)state;
+    int other = open(directory, O_RDONLY | O_DIRECTORY);
+    assert_int_equal(flock(other, LOCK_EX), 0);
+    assert_int_equal(listen_bind(path, &listener, NULL), BVHD_OK);
+    listen_close(&listener);
+    close(other);
+}
+
+/* What others may have put in the lock's place is refused by name, and stays. A lock that is left is used. */
+static void test_lock_of_others(void **state)
+{
+    char lock[80];
+    struct listener listener;
+    struct bvhd_error error;
+    (void)state;
+    snprintf(lock, sizeof lock, "%s.lock", path);
+    close(open(lock, O_CREAT | O_WRONLY, 0600));
+    assert_int_equal(chmod(lock, 0666), 0);
+    assert_int_equal(listen_bind(path, &listener, &error), BVHD_BUSY);
+    assert_string_equal(error.where, lock);
+    assert_int_equal(chmod(lock, 0600), 0);
+    assert_int_equal(listen_bind(path, &listener, NULL), BVHD_OK);
+    assert_int_equal(access(lock, F_OK), -1);
+    listen_close(&listener);
+    assert_int_equal(mkfifo(lock, 0600), 0);
+    assert_int_equal(listen_bind(path, &listener, &error), BVHD_BUSY);
+    unlink(lock);
+    assert_int_equal(symlink("/dev/null", lock), 0);
+    assert_int_equal(listen_bind(path, &listener, &error), BVHD_IO);
+    unlink(lock);
+}
+
 static void test_adopt(void **state)
 {
     struct listener bound, listener;
@@ -227,11 +263,12 @@ static void test_adopt(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_bind),  cmocka_unit_test(test_in_use),
-        cmocka_unit_test(test_stale), cmocka_unit_test(test_no_socket),
-        cmocka_unit_test(test_paths), cmocka_unit_test(test_removes_only_its_own),
-        cmocka_unit_test(test_race),  cmocka_unit_test(test_relative_path),
-        cmocka_unit_test(test_adopt),
+        cmocka_unit_test(test_bind),           cmocka_unit_test(test_in_use),
+        cmocka_unit_test(test_stale),          cmocka_unit_test(test_no_socket),
+        cmocka_unit_test(test_paths),          cmocka_unit_test(test_removes_only_its_own),
+        cmocka_unit_test(test_race),           cmocka_unit_test(test_relative_path),
+        cmocka_unit_test(test_adopt),          cmocka_unit_test(test_locked_directory),
+        cmocka_unit_test(test_lock_of_others),
     };
     return cmocka_run_group_tests(tests, make_directory, remove_directory);
 }
