@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "builder/content_key.h"
 
+#include <openssl/err.h>
 #include <openssl/evp.h>
 
 #include "builder/build.h"
@@ -84,7 +85,7 @@ static enum bvhd_status digest_root(const struct leaves *leaves, uint64_t leaf_c
                                           {leaves->digests, leaf_count * sizeof *leaves->digests}};
     struct key key;
     if (atomic_load_explicit(&leaves->failed, memory_order_relaxed) || !digest(leaves->hash, inputs, 3, &key))
-        return bvhd_error_set(error, BVHD_INTERNAL, "key", "the hash library failed");
+        return bvhd_error_no_memory(error, "key", "no memory for the hash library"); /* it needs nothing else */
     *ret_key = key;
     return BVHD_OK;
 }
@@ -103,6 +104,24 @@ static enum bvhd_status digest_all(struct leaves *leaves, const struct root *roo
     return digest_root(leaves, count, root, ret_key, error);
 }
 
+/*
+ * Fetches SHA-256. Where the library is configured without it, this is what it says; where it lacks memory, it may say
+ * that, or nothing, or what has followed from it.
+ */
+static enum bvhd_status fetch_hash(EVP_MD **ret_hash, struct bvhd_error *error)
+{
+    ERR_clear_error();
+    EVP_MD *hash = EVP_MD_fetch(NULL, "SHA256", NULL);
+    if (hash) {
+        *ret_hash = hash;
+        return BVHD_OK;
+    }
+    bool is_missing = ERR_GET_REASON(ERR_peek_error()) == ERR_R_UNSUPPORTED;
+    ERR_clear_error();
+    return is_missing ? bvhd_error_set(error, BVHD_INTERNAL, "key", "the hash library has no SHA-256")
+                      : bvhd_error_no_memory(error, "key", "no memory for the hash library");
+}
+
 enum bvhd_status content_key(const struct canonical *canonical, const struct build_options *options,
                              const struct build_context *context, struct key *ret_key, struct bvhd_error *error)
 {
@@ -110,12 +129,13 @@ enum bvhd_status content_key(const struct canonical *canonical, const struct bui
     if (!layout)
         return bvhd_error_set(error, BVHD_UNSUPPORTED, "target", "there is no target %d", (int)options->target);
     /* One fetch serves all leaves, because it takes locks that the threads would wait for. */
-    EVP_MD *hash = EVP_MD_fetch(NULL, "SHA256", NULL);
-    if (!hash)
-        return bvhd_error_set(error, BVHD_INTERNAL, "key", "the hash library has no SHA-256");
+    EVP_MD *hash = NULL;
+    enum bvhd_status status = fetch_hash(&hash, error);
+    if (status != BVHD_OK)
+        return status;
     struct leaves leaves = {.hash = hash, .block = {canonical->bytes, canonical->size}};
     struct root root = describe_root(canonical, options, layout);
-    enum bvhd_status status = digest_all(&leaves, &root, context, ret_key, error);
+    status = digest_all(&leaves, &root, context, ret_key, error);
     memory_free(context->memory, leaves.digests);
     EVP_MD_free(hash);
     return status;

@@ -2,6 +2,7 @@
 /* test_content_key.c - tests that keys are as the header defines them, and change with whatever matters. */
 #include "tests/support/unit.h"
 
+#include <openssl/crypto.h>
 #include <openssl/sha.h>
 
 #include "builder/build.h"
@@ -227,6 +228,59 @@ static void failing_allocations_are_reported(void **state)
     assert_true(failures > 0);
 }
 
+/* How many more allocations of the hash library succeed; negative: all do. */
+static int hash_allocations = -1;
+
+static bool may_allocate(void)
+{
+    if (hash_allocations == 0)
+        return false;
+    hash_allocations -= hash_allocations > 0;
+    return true;
+}
+
+static void *hash_malloc(size_t size, const char *file, int line)
+{
+    (void)file;
+    (void)line;
+    return may_allocate() ? malloc(size) : NULL;
+}
+
+static void *hash_realloc(void *old, size_t size, const char *file, int line)
+{
+    (void)file;
+    (void)line;
+    return may_allocate() ? realloc(old, size) : NULL;
+}
+
+static void hash_free(void *block, const char *file, int line)
+{
+    (void)file;
+    (void)line;
+    free(block);
+}
+
+/* A hash library without memory is a shortage, and no defect of ours. */
+static void failing_allocations_of_the_hash_library_are_reported(void **state)
+{
+    struct fixture *fixture = *state;
+    struct canonical canonical = {.bytes = fixture->bytes, .size = LARGEST};
+    const struct build_context context = {.memory = &fixture->memory, .parallel = &parallel_serial};
+    const struct build_options options = {.quality = QUALITY_FAST, .target = TARGET_PORTABLE};
+    enum bvhd_status status = BVHD_NO_MEMORY;
+    int failures = 0;
+    for (; status != BVHD_OK; failures++) {
+        struct key key;
+        struct bvhd_error error;
+        hash_allocations = failures;
+        status = content_key(&canonical, &options, &context, &key, &error);
+        hash_allocations = -1;
+        assert_true(status == BVHD_OK || status == BVHD_NO_MEMORY);
+        assert_int_equal(fixture->memory.live, 0);
+    }
+    assert_true(failures > 1);
+}
+
 int main(void)
 {
     static const struct CMUnitTest tests[] = {
@@ -239,6 +293,9 @@ int main(void)
         cmocka_unit_test(order_of_leaves_matters),
         cmocka_unit_test(an_unknown_target_is_unsupported),
         cmocka_unit_test(failing_allocations_are_reported),
+        cmocka_unit_test(failing_allocations_of_the_hash_library_are_reported),
     };
+    if (!CRYPTO_set_mem_functions(hash_malloc, hash_realloc, hash_free))
+        return 1;
     return cmocka_run_group_tests(tests, set_up, tear_down);
 }
