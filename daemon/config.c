@@ -263,9 +263,35 @@ enum bvhd_status config_parse(int argc, char **argv, struct config *ret_config, 
         if (status == BVHD_OK)
             status = apply_command_line(argc, argv, &config, error);
     }
+    config.argc = argc;
+    config.argv = argv;
     if (status == BVHD_OK)
         *ret_config = config;
     return status;
+}
+
+enum bvhd_status config_reload(const struct config *old, struct config *ret_config, struct bvhd_error *error)
+{
+    return config_parse(old->argc, old->argv, ret_config, error);
+}
+
+const char *config_fixed_difference(const struct config *a, const struct config *b)
+{
+    const struct {
+        const char *name;
+        bool differs;
+    } options[] = {
+        {"socket", strcmp(a->socket, b->socket) != 0},
+        {"workers", a->service.workers != b->service.workers},
+        {"memory", a->service.memory != b->service.memory},
+        {"cache", strcmp(a->cache, b->cache) != 0},
+        {"disk-cache-size", a->service.disk_budget != b->service.disk_budget},
+        {"metrics", strcmp(a->metrics, b->metrics) != 0},
+    };
+    for (size_t i = 0; i < sizeof options / sizeof *options; i++)
+        if (options[i].differs)
+            return options[i].name;
+    return NULL;
 }
 
 static void print_option(const struct config_option *row)
@@ -288,5 +314,6 @@ void config_print_help(void)
     for (size_t i = 0; i < OPTION_ROWS; i++)
         print_option(&option_rows[i]);
     printf("\nSIGTERM and SIGINT let the daemon finish what is under way; a second signal ends it at once.\n"
+           "SIGHUP makes it read the file of --config again.\n"
            "Exit status: 0 for an orderly end, 1 for a failure, 2 for wrong usage.\n");
 }

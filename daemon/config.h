@@ -16,6 +16,8 @@ enum { CONFIG_PATH_SIZE = 4096, CONFIG_LEAST_DISK = 1 << 20 };
 enum config_action { CONFIG_RUN, CONFIG_HELP, CONFIG_VERSION };
 
 struct config {
+    int argc; /* these two are the command line, which must outlive the struct */
+    char **argv;
     enum config_action action;
     char socket[CONFIG_PATH_SIZE];
     bool socket_given; /* false: `socket` is the default */
@@ -35,6 +37,15 @@ struct config {
  * on success.
  */
 enum bvhd_status config_parse(int argc, char **argv, struct config *ret_config, struct bvhd_error *error);
+
+/* Reads the command line of `old` again, and the file as it is now. The errors are those of config_parse. */
+enum bvhd_status config_reload(const struct config *old, struct config *ret_config, struct bvhd_error *error);
+
+/*
+ * Returns the name of the first option that differs between the two but has its effect only at the start of a daemon,
+ * or NULL if there is none.
+ */
+const char *config_fixed_difference(const struct config *a, const struct config *b);
 
 /* Applies the lines of one file to `config`, which stays unchanged on failure. The errors are those of config_parse. */
 enum bvhd_status config_read_file(const char *path, struct config *config, struct bvhd_error *error);

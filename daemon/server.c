@@ -15,10 +15,10 @@
 #include "daemon/pool/watchdog.h"
 
 struct server {
-    const struct config *config;
+    struct config *config;
     uv_loop_t loop;
     uv_async_t collect;
-    uv_signal_t terminate, interrupt;
+    uv_signal_t terminate, interrupt, hang_up;
     uv_timer_t alive, idle, drain;
     struct listener listener;
     struct service *service;
@@ -72,6 +72,34 @@ static void on_signal(uv_signal_t *handle, int number)
         uv_stop(&server->loop);
     else
         start_drain(server);
+}
+
+/* Takes over the options that can change while the daemon runs. If any is wrong, nothing changes. */
+static void on_hang_up(uv_signal_t *handle, int number)
+{
+    struct server *server = handle->data;
+    static struct config fresh;
+    struct bvhd_error error;
+    (void)number;
+    if (server->draining)
+        return;
+    if (config_reload(server->config, &fresh, &error) != BVHD_OK) {
+        log_event(LOG_ERROR, "reload_failed", "where=%s why=%s", log_quote(error.where).text,
+                  log_quote(error.text).text);
+        return;
+    }
+    const char *fixed = config_fixed_difference(server->config, &fresh);
+    if (fixed)
+        log_event(LOG_WARNING, "reload_incomplete", "option=%s why=%s", fixed,
+                  log_quote("this option has its effect at the next start").text);
+    server->config->log_level = fresh.log_level;
+    server->config->idle_exit_ms = fresh.idle_exit_ms;
+    server->config->drain_ms = fresh.drain_ms;
+    log_set_level(fresh.log_level);
+    uv_timer_stop(&server->idle); /* it starts again with the new time */
+    server->acceptor.max_connections = fresh.max_connections;
+    service_reconfigure(server->service, &fresh.service);
+    log_event(LOG_INFO, "reloaded", "file=%s", log_quote(*fresh.file ? fresh.file : "(none)").text);
 }
 
 static void on_alive(uv_timer_t *timer)
@@ -136,10 +164,11 @@ static void init_handles(struct server *server)
     uv_loop_t *loop = &server->loop;
     uv_signal_init(loop, &server->terminate);
     uv_signal_init(loop, &server->interrupt);
+    uv_signal_init(loop, &server->hang_up);
     uv_timer_init(loop, &server->alive);
     uv_timer_init(loop, &server->idle);
     uv_timer_init(loop, &server->drain);
-    server->collect.data = server->terminate.data = server->interrupt.data = server;
+    server->collect.data = server->terminate.data = server->interrupt.data = server->hang_up.data = server;
     server->alive.data = server->idle.data = server->drain.data = server;
 }
 
@@ -153,6 +182,7 @@ static enum bvhd_status open_service(struct server *server, struct bvhd_error *e
     uv_signal_start(&server->interrupt, on_signal, SIGINT);
     struct service_options options = server->config->service;
     options.disk_directory = *server->config->cache ? server->config->cache : NULL;
+    uv_signal_start(&server->hang_up, on_hang_up, SIGHUP);
     enum bvhd_status status = open_socket(server, error);
     if (status == BVHD_OK)
         status = service_create(&options, wake_loop, server, &server->service, error);
@@ -249,7 +279,7 @@ static void finish(struct server *server)
     (void)left;
 }
 
-enum bvhd_status server_run(const struct config *config, struct bvhd_error *error)
+enum bvhd_status server_run(struct config *config, struct bvhd_error *error)
 {
     struct server server = {.config = config, .listener.socket = -1};
     int result = uv_loop_init(&server.loop);

@@ -165,6 +165,11 @@ void cache_destroy(struct cache *cache)
     memory_free(cache->memory, cache);
 }
 
+void cache_resize(struct cache *cache, uint64_t budget)
+{
+    cache->budget = budget;
+}
+
 /* The ref of this function keeps the blob if the callback puts another one, for which this one is evicted. */
 void cache_get(struct cache *cache, const struct key *key, cache_answer answer, void *context)
 {

@@ -27,6 +27,9 @@ struct cache;
 struct cache *cache_create(uint64_t budget, struct memory *memory);
 void cache_destroy(struct cache *cache);
 
+/* Changes the budget. What exceeds a smaller one is evicted by cache_trim. */
+void cache_resize(struct cache *cache, uint64_t budget);
+
 /*
  * Looks a key up and answers by a callback, which is called before cache_get returns, and may use the cache itself.
  * `blob` is NULL if the key is unknown; else it is borrowed, and becomes the most recently used.

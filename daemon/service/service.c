@@ -187,6 +187,15 @@ enum bvhd_status service_create(const struct service_options *options, void (*wa
     return BVHD_OK;
 }
 
+void service_reconfigure(struct service *service, const struct service_options *options)
+{
+    struct service_options completed = complete(options);
+    service->options.slow_ms = completed.slow_ms;
+    service->options.cache = completed.cache;
+    cache_resize(service->cache, completed.cache);
+    service->wake(service->wake_context);
+}
+
 /*
  * Waits until the workers have nothing of the service any more. No client waits for a result by then, and all jobs have
  * been told to stop. The counts are those of the loop, not of the pool, whose ended jobs may still have to be

@@ -40,6 +40,9 @@ struct service;
 enum bvhd_status service_create(const struct service_options *options, void (*wake)(void *context), void *wake_context,
                                 struct service **ret_service, struct bvhd_error *error);
 
+/* Takes over those options that a running service can change: `cache` and `slow_ms`. */
+void service_reconfigure(struct service *service, const struct service_options *options);
+
 /* All sessions must be closed. Waits for the jobs that still run, which have been told to stop. NULL-safe. */
 void service_destroy(struct service *service);
 

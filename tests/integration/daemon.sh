@@ -143,6 +143,22 @@ expect 'the rest holds' has 'level=debug event=connected' log
 kill -TERM "$daemon"
 ended 0 'a file of options'
 
+# SIGHUP reads the file again. A wrong file changes nothing, and what needs a new start is said.
+printf 'log-level = info\n' >conf
+start --no-cache --config conf
+printf 'log-level = debug\ndrain-timeout = 0\nworkers = 1\nmax-connections = 2\n' >conf
+kill -HUP "$daemon"
+eventually 'it has read the file again' has event=reloaded log
+quietly "$helper" ping s
+eventually 'the new level holds' has 'level=debug event=connected' log
+expect 'what needs a new start is named' has 'event=reload_incomplete option=workers' log
+echo 'nonsense = 3' >conf
+kill -HUP "$daemon"
+eventually 'a wrong file is refused by its line' has 'event=reload_failed where="conf:1"' log
+expect 'it still answers' quietly "$helper" ping s
+kill -TERM "$daemon"
+ended 0 'a file that is read again'
+
 # The file of the socket.
 start
 expect 'its mode is 0600' [ "$(stat -c %a s)" = 600 ]
@@ -164,7 +180,7 @@ rm s
 refused 1 --socket no/such/place
 if [ ! -e /run/bvhd ]; then
     refused 1
-    expect "the default can be changed: $(cat err)" has '/run/bvhd/: .*--socket PATH' err
+    expect "the default can be changed: $(cat err)" has '/run/bvhd/bvhd.sock.lock: .*--socket PATH' err
 fi
 refused 1 --socket "$(printf '%0200d' 0)"
 expect 'the limit is named' has 107 err
