@@ -12,11 +12,22 @@
 #include "client/bvhctl/service/cache_place.h"
 #include "client/bvhctl/service/connect.h"
 
-/* What the directory held before and holds now. */
-struct cache_report {
-    const char *directory; /* owned */
-    struct store_state before, after;
+/* Results on disk. */
+struct content {
+    uint64_t entries, bytes;
 };
+
+struct cache_report {
+    char *directory; /* owned */
+    struct content before, after;
+    bool is_daemon; /* a daemon has done it, which keeps results in memory, too */
+    uint64_t memory_entries, memory_bytes;
+};
+
+static uint64_t less(uint64_t a, uint64_t b)
+{
+    return a > b ? a - b : 0;
+}
 
 static bool print_json(const struct options *options, const struct cache_report *report, struct memory *memory)
 {
@@ -28,8 +39,12 @@ static bool print_json(const struct options *options, const struct cache_report 
     json_integer(&json, "entries", report->after.entries);
     json_integer(&json, "bytes", report->after.bytes);
     if (options->cache_action != CACHE_SHOW) {
-        json_integer(&json, "removed_entries", report->before.entries - report->after.entries);
-        json_integer(&json, "removed_bytes", report->before.bytes - report->after.bytes);
+        json_integer(&json, "removed_entries", less(report->before.entries, report->after.entries));
+        json_integer(&json, "removed_bytes", less(report->before.bytes, report->after.bytes));
+    }
+    if (report->is_daemon) {
+        json_integer(&json, "memory_entries", report->memory_entries);
+        json_integer(&json, "memory_bytes", report->memory_bytes);
     }
     json_object_end(&json);
     bool ok = report_print(&json);
@@ -37,21 +52,23 @@ static bool print_json(const struct options *options, const struct cache_report 
     return ok;
 }
 
-static const char *plural(uint64_t count)
+static void print_line(const char *where, const char *what, uint64_t entries, uint64_t bytes)
 {
-    return count == 1 ? "" : "s";
+    printf("%s: %s%llu result%s, %.1f MB\n", where, what, (unsigned long long)entries, entries == 1 ? "" : "s",
+           (double)bytes / 1e6);
 }
 
 static bool print_text(const struct options *options, const struct cache_report *report)
 {
-    uint64_t entries = report->after.entries, removed = report->before.entries - entries;
+    const char *directory = report->directory;
+    const struct content *before = &report->before, *after = &report->after;
     if (report_volume() < REPORT_RESULTS)
         return true;
     if (options->cache_action != CACHE_SHOW)
-        printf("%s: removed %llu result%s of %.1f MB\n", report->directory, (unsigned long long)removed,
-               plural(removed), (double)(report->before.bytes - report->after.bytes) / 1e6);
-    printf("%s: %llu result%s, %.1f MB\n", report->directory, (unsigned long long)entries, plural(entries),
-           (double)report->after.bytes / 1e6);
+        print_line(directory, "removed ", less(before->entries, after->entries), less(before->bytes, after->bytes));
+    print_line(directory, "", after->entries, after->bytes);
+    if (report->is_daemon)
+        print_line("in the daemon's memory", "", report->memory_entries, report->memory_bytes);
     return report_flush();
 }
 
@@ -59,12 +76,14 @@ static enum bvhd_status act(const struct options *options, struct store *store, 
                             struct bvhd_error *error)
 {
     enum bvhd_status status = store_scan(store, error);
-    report->before = store_state(store);
+    struct store_state state = store_state(store);
+    report->before = (struct content){state.entries, state.bytes};
     if (status == BVHD_OK && options->cache_action == CACHE_TRIM)
         status = store_trim_to(store, options->disk_cache_size, error);
     else if (status == BVHD_OK && options->cache_action == CACHE_CLEAR)
         status = store_clear(store, error);
-    report->after = store_state(store);
+    state = store_state(store);
+    report->after = (struct content){state.entries, state.bytes};
     return status;
 }
 
@@ -89,42 +108,40 @@ static enum bvhd_status open_and_act(const struct options *options, struct memor
     return status;
 }
 
-static enum bvhd_status act_on_directory(const struct options *options, struct memory *memory,
-                                         struct cache_report *report, struct bvhd_error *error)
+static enum bvhd_status use_directory(const struct options *options, struct memory *memory, struct cache_report *report,
+                                      struct bvhd_error *error)
 {
-    char *directory;
-    enum bvhd_status status = cache_place_find(options, memory, &directory, error);
-    if (status == BVHD_OK && !directory)
+    enum bvhd_status status = cache_place_find(options, memory, &report->directory, error);
+    if (status == BVHD_OK && !report->directory)
         status = bvhd_error_set(error, BVHD_INVALID, "cache",
                                 "neither --cache nor $XDG_CACHE_HOME nor $HOME names its directory");
-    if (status != BVHD_OK)
-        return status;
-    report->directory = directory;
-    return open_and_act(options, memory, report, error);
+    return status == BVHD_OK ? open_and_act(options, memory, report, error) : status;
 }
 
-static struct store_state state_of(const struct bvhd_cache_state *state)
-{
-    return (struct store_state){.entries = state->entries, .bytes = state->bytes};
-}
+/* Removing many files takes longer than an answer otherwise. */
+enum { PATIENCE_MS = 600000 };
 
-/* Has a daemon do it, which forgets the results in its memory, too, when all are removed. */
-static enum bvhd_status act_by_daemon(const struct options *options, struct bvhd_client *client, struct memory *memory,
-                                      struct cache_report *report, struct bvhd_error *error)
+static enum bvhd_status use_daemon(const struct options *options, struct bvhd_client *client, struct memory *memory,
+                                   struct cache_report *report, struct bvhd_error *error)
 {
     static const enum bvhd_cache_action actions[] = {
         [CACHE_SHOW] = BVHD_CACHE_SHOW, [CACHE_TRIM] = BVHD_CACHE_TRIM, [CACHE_CLEAR] = BVHD_CACHE_CLEAR};
     struct bvhd_cache_state *before = NULL, *after = NULL;
-    enum bvhd_status status = bvhd_client_cache(client, BVHD_CACHE_SHOW, 0, -1, &before, error);
+    enum bvhd_status status =
+        bvhd_client_cache(client, BVHD_CACHE_SHOW, 0, (int)options->connect_timeout_ms, &before, error);
     if (status == BVHD_OK && !*before->directory)
         status = bvhd_error_set(error, BVHD_UNSUPPORTED, "cache", "this daemon keeps nothing on disk");
     if (status == BVHD_OK)
-        status = bvhd_client_cache(client, actions[options->cache_action], options->disk_cache_size, -1, &after, error);
+        status = bvhd_client_cache(client, actions[options->cache_action], options->disk_cache_size, PATIENCE_MS,
+                                   &after, error);
     if (status == BVHD_OK && !(report->directory = files_copy_text(memory, after->directory)))
         status = bvhd_error_no_memory(error, "cache", "no memory for the name of its directory");
     if (status == BVHD_OK) {
-        report->before = state_of(before);
-        report->after = state_of(after);
+        report->before = (struct content){before->entries, before->bytes};
+        report->after = (struct content){after->entries, after->bytes};
+        report->is_daemon = true;
+        report->memory_entries = after->memory_entries;
+        report->memory_bytes = after->memory_bytes;
     }
     bvhd_cache_state_destroy(before);
     bvhd_cache_state_destroy(after);
@@ -132,36 +149,32 @@ static enum bvhd_status act_by_daemon(const struct options *options, struct bvhd
 }
 
 /*
- * Connects to the daemon that is to do it: the one on a socket that is named, else the user's own if it runs. Without
- * one, connect->client stays NULL.
+ * Finds who does it: the daemon on a socket that is named, else the user's own one if it runs, else this process with
+ * the directory, in particular with one that is named.
  */
-static enum bvhd_status find_daemon(const struct options *options, struct memory *memory, struct connect *ret_connect,
-                                    struct bvhd_error *error)
+static enum bvhd_status find_and_act(const struct options *options, struct memory *memory, struct cache_report *report,
+                                     struct bvhd_error *error)
 {
-    bool is_named = connect_named_socket(options);
-    if (options->cache || (!is_named && getenv("BVHD_CACHE")))
-        return BVHD_OK;
-    enum bvhd_status status = connect_find(options, memory, ret_connect, error);
-    if (is_named || (status != BVHD_OK && status != BVHD_UNAVAILABLE))
-        return status;
-    if (status == BVHD_OK && !ret_connect->is_private) {
-        connect_close(ret_connect);
-        *ret_connect = (struct connect){0};
-    }
-    return BVHD_OK;
+    struct connect connect = {0};
+    const bool is_named = connect_named_socket(options);
+    if (options->cache || options->local || (!is_named && getenv("BVHD_CACHE")))
+        return use_directory(options, memory, report, error);
+    enum bvhd_status status = connect_find(options, memory, &connect, error);
+    if (status == BVHD_OK && (is_named || connect.is_private))
+        status = use_daemon(options, connect.client, memory, report, error);
+    else if (!is_named && (status == BVHD_OK || status == BVHD_UNAVAILABLE))
+        status = use_directory(options, memory, report, error);
+    connect_close(&connect);
+    return status;
 }
 
 enum exit_code command_cache(const struct options *options)
 {
     struct memory memory;
-    struct connect connect = {0};
-    struct cache_report report = {.directory = NULL};
     struct bvhd_error error;
+    struct cache_report report = {0};
     memory_init(&memory, UINT64_MAX);
-    enum bvhd_status status = find_daemon(options, &memory, &connect, &error);
-    if (status == BVHD_OK)
-        status = connect.client ? act_by_daemon(options, connect.client, &memory, &report, &error)
-                                : act_on_directory(options, &memory, &report, &error);
+    enum bvhd_status status = find_and_act(options, &memory, &report, &error);
     enum exit_code code;
     if (status != BVHD_OK)
         code = report_failure(options->json, "cache", &error);
@@ -169,7 +182,6 @@ enum exit_code command_cache(const struct options *options)
         code = print_json(options, &report, &memory) ? EXIT_DONE : EXIT_FAILED;
     else
         code = print_text(options, &report) ? EXIT_DONE : EXIT_FAILED;
-    memory_free(&memory, (void *)(uintptr_t)report.directory);
-    connect_close(&connect);
+    memory_free(&memory, report.directory);
     return code;
 }

@@ -1,12 +1,14 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# bvhctl_cache.sh MAKE_SCENE BVHCTL - tests the cache on disk by the command line: builds in process that use it, the
-# command `cache`, and the options. It prints each expectation that does not hold, and its status is 1 if there is one.
+# bvhctl_cache.sh MAKE_SCENE BVHCTL BVHD - tests the cache on disk by the command line: builds in process that use it,
+# the command `cache` with and without a daemon, and the options. It prints each expectation that does not hold, and its
+# status is 1 if there is one.
 set -u
 # shellcheck source=tests/support/expect.sh
 . "$(dirname "$0")/../support/expect.sh"
 make_scene=$(realpath "$1")
 bvhctl=$(realpath "$2")
+bvhd=$(realpath "$3")
 scratch=$(mktemp -d -p /dev/shm 2>/dev/null || mktemp -d) # in memory, where nothing waits for a disk
 trap 'rm -rf "$scratch"' EXIT
 cd "$scratch" || exit 1
@@ -55,7 +57,7 @@ expect 'in the home' [ -d home/.cache/bvhd -a ! -e relative ]
 expect 'for its owner alone' [ "$(stat -c %a home/.cache/bvhd)" = 700 ]
 HOME=$scratch/nowhere XDG_CACHE_HOME='' run 0 --local build ball.ply -o two
 expect 'no home is made' [ ! -e nowhere ]
-HOME=$scratch/nowhere XDG_CACHE_HOME='' run 1 cache show
+HOME=$scratch/nowhere XDG_CACHE_HOME='' run 1 --local cache show
 one_error_line
 says 'names its directory'
 export BVHD_CACHE=
@@ -124,11 +126,49 @@ run 0 cache clear --cache "$scratch"
 expect 'a directory that is no cache loses nothing' [ -f ball.ply -a -f one/manifest.json ]
 run 1 cache show --cache ball.ply
 one_error_line
+run 2 cache show --cache kept --socket s
+one_error_line
+run 4 cache show --socket nobody --connect-timeout 0.1
+one_error_line
 run 2 cache
 one_error_line
 run 2 cache empty
 one_error_line
 says "'empty' is none of: show, trim, clear"
+
+# A daemon is asked for its own directory, and refuses other users by name.
+chmod 755 .
+"$bvhd" --socket daemon.sock --cache "$scratch/daemon" >log 2>&1 &
+daemon=$!
+trap 'kill $daemon 2>/dev/null; rm -rf "$scratch"' EXIT
+run 0 --socket daemon.sock --connect-timeout 30 build ball.ply -o six
+run 0 cache show --socket daemon.sock --json
+expect "its directory: $(cat out)" grep -q "\"directory\":\"$scratch/daemon\",\"entries\":" out
+expect "its memory: $(cat out)" grep -q '"memory_entries":2,"memory_bytes":[1-9]' out
+run 0 cache show --socket daemon.sock
+expect "its memory, for people: $(cat out)" grep -q "^in the daemon's memory: 2 results, " out
+if [ "$(id -u)" -eq 0 ] && command -v setpriv >/dev/null && chmod 666 daemon.sock 2>/dev/null; then
+    for words in 'cache clear' 'cache trim' stop; do
+        # shellcheck disable=SC2086 # words
+        setpriv --reuid 54321 --regid 54321 --clear-groups "$bvhctl" $words --socket daemon.sock >out 2>err
+        expect "another user may not $words" [ $? -eq 1 ]
+        one_error_line
+    done
+    setpriv --reuid 54321 --regid 54321 --clear-groups "$bvhctl" cache show --socket daemon.sock >out 2>err
+    expect "another user may look: $(cat err)" [ $? -eq 0 ]
+    expect 'the daemon runs still' kill -0 "$daemon"
+else
+    echo 'not tested, for lack of root or setpriv: what another user may not do'
+fi
+run 0 cache clear --socket daemon.sock --json
+expect "nothing is left on disk: $(cat out)" grep -q '"entries":0,"bytes":0,' out
+tries=100
+until "$bvhctl" cache show --socket daemon.sock --json | grep -q '"memory_entries":0' || [ $((tries -= 1)) -eq 0 ]; do
+    sleep 0.1
+done
+expect 'nor, soon, in memory' [ "$tries" -gt 0 ]
+run 0 stop --socket daemon.sock
+trap 'rm -rf "$scratch"' EXIT
 
 # A cache that is smaller than the results keeps within its size.
 for size in 500 700 900 1100 1300 1500 1700 1900 2100 2300; do

@@ -65,12 +65,13 @@ for path in all native ball.bvhd device unknown; do
 done
 printed check check ball.bvhd ball.ply --rays 20
 printed trace trace ball.bvhd --device cpu -o ball.png --size 16x16
-"$bvhd" --socket s --no-cache 2>log &
+"$bvhd" --socket s --cache daemon 2>log &
 daemon=$!
 expect "a daemon: $(cat log)" "$bvhctl" --socket s --connect-timeout 30 --quiet ping --json >/dev/null
 printed stats stats --socket s
 printed clients clients --socket s
 printed top top --socket s --count 1
+printed cache cache show --socket s
 printed cache cache show --cache kept
 printed cache cache clear --cache kept
 printed Errors inspect missing

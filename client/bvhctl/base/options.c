@@ -364,6 +364,8 @@ static enum bvhd_status complete_cache(struct options *options, struct bvhd_erro
         return usage(error, "--cache", "an empty name", "");
     if (options->cache && options->no_cache)
         return usage(error, "--cache", "makes no sense together with --no-cache", "");
+    if (options->cache && options->command == COMMAND_CACHE && options->socket)
+        return usage(error, "--cache", "makes no sense together with --socket", "");
     if (options->command != COMMAND_CACHE)
         return BVHD_OK;
     enum bvhd_status status = parse_name("cache", cache_action_names, options->operands[0], &action, error);
@@ -380,7 +382,7 @@ static enum bvhd_status check_complete(const struct options *options, struct bvh
         return usage(error, "--socket", "makes no sense together with --local", "");
     if (options->socket && !*options->socket)
         return usage(error, "--socket", "an empty name", "");
-    if (options->local && (command & ON_SERVICE) && !(command & ON_BUILD))
+    if (options->local && (command & ON_QUERIES))
         return usage(error, "--local", "%s needs a daemon", row->name);
     if (options->operand_count < row->fewest)
         return usage(error, row->name, "wants: %s", row->arguments);

@@ -61,7 +61,8 @@ const struct option_row option_rows[] = {
      "keep results in this directory, with --local or by the private daemon that is started (default: "
      "$XDG_CACHE_HOME/bvhd, without that variable ~/.cache/bvhd)"},
     {"cache", OPTION_CACHE, "DIR", ON_CACHE,
-     "the directory (default: $XDG_CACHE_HOME/bvhd, without that variable ~/.cache/bvhd)"},
+     "look at this directory (default: that of the daemon on --socket or of your private one; else "
+     "$XDG_CACHE_HOME/bvhd, or ~/.cache/bvhd)"},
     {"no-cache", OPTION_NO_CACHE, NULL, ON_BUILD,
      "keep no results on disk and use none, with --local or by the private daemon that is started"},
     {"disk-cache-size", OPTION_DISK_CACHE_SIZE, "BYTES", ON_BUILD,
@@ -77,6 +78,9 @@ const struct option_row option_rows[] = {
      "the daemon's socket (default: $BVHD_SOCKET; without it that of a running daemon)"},
     {"socket", OPTION_SOCKET, "PATH", ON_STOP,
      "the daemon's socket (default: $BVHD_SOCKET; without it that of your private daemon)"},
+    {"local", OPTION_LOCAL, NULL, ON_CACHE, "look at the user's own directory, and ask no daemon"},
+    {"socket", OPTION_SOCKET, "PATH", ON_CACHE,
+     "the daemon to ask (default: $BVHD_SOCKET; without it your private daemon, if it runs)"},
     {"local", OPTION_LOCAL, NULL, ON_ALONE, "has no effect: this command never uses a daemon"},
     {"socket", OPTION_SOCKET, "PATH", ON_ALONE, "has no effect: this command never uses a daemon"},
     {"connect-timeout", OPTION_CONNECT_TIMEOUT, "SEC", ON_SERVICE | ON_MAIN,

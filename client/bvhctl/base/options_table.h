@@ -26,8 +26,8 @@ enum {
     ON_QUERIES = ON_GET | ON_STATS | ON_CLIENTS | ON_TOP | ON_PING |
                  ON_STOP, /* commands that need a daemon, and never start one */
     ON_ALL = ON_SCENES | ON_QUERIES | ON_DEVICES | ON_PROBE | ON_CACHE,
-    ON_SERVICE = ON_BUILD | ON_QUERIES, /* commands that may connect to a daemon */
-    ON_ALONE = ON_CHECK | ON_INSPECT | ON_TRACE | ON_DEVICES | ON_PROBE | ON_CACHE, /* commands that never do */
+    ON_SERVICE = ON_BUILD | ON_QUERIES | ON_CACHE, /* commands that may connect to a daemon */
+    ON_ALONE = ON_CHECK | ON_INSPECT | ON_TRACE | ON_DEVICES | ON_PROBE, /* commands that never do */
     ON_OUTPUT = ON_BUILD | ON_TRACE | ON_GET | ON_PROBE,
     ON_MAIN = 1 << COMMAND_COUNT,
 };
