@@ -148,15 +148,23 @@ void fault_bed_disarm(struct fault_bed *bed)
 
 /* ---- requests ---- */
 
+/* Waits for WELCOME. */
+static bool await_welcome(struct raw_client *client)
+{
+    struct frame answer;
+    bool closed, came = raw_receive(client, ANSWER_MS, &answer, &closed);
+    hostile_expect(came || closed, "HELLO is not answered");
+    return came && answer.header.type == FRAME_WELCOME;
+}
+
 bool fault_say_hello(struct raw_client *client)
 {
     struct control_hello hello = {
         .version_min = CONTROL_VERSION, .version_max = CONTROL_VERSION, .software = "test of faults"};
     struct raw_frame frame = {.header.type = FRAME_HELLO};
-    struct frame answer;
     if (control_pack_hello(&hello, &client->memory, &frame.control, NULL) != BVHD_OK)
         fail("hello");
-    bool welcome = raw_send_frame(client, &frame) && raw_await(client, FRAME_WELCOME, ANSWER_MS, &answer);
+    bool welcome = raw_send_frame(client, &frame) && await_welcome(client);
     memory_free(&client->memory, (void *)(uintptr_t)frame.control.data);
     return welcome;
 }
