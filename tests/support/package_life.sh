@@ -201,8 +201,9 @@ test_install()
     libdir=/usr/lib/$(gcc -print-multiarch)
     for path in "$libdir/libbvhd.so.0" "$libdir/libbvhd_build.so.0" "$libdir/libbvhd.a" "$libdir/pkgconfig/bvhd.pc" \
         /usr/lib/python3/dist-packages/bvhd/client.py /usr/share/man/man1/bvhctl.1.gz /usr/share/man/man8/bvhd.8.gz \
-        /usr/share/man/man3/bvhd_batch_submit.3.gz /usr/share/bash-completion/completions/bvhctl \
-        /usr/share/zsh/vendor-completions/_bvhd /usr/share/doc/bvhd/examples/trace_cpu.c; do
+        /usr/share/man/man5/bvhd.conf.5.gz /usr/share/man/man3/bvhd_batch_submit.3.gz \
+        /usr/share/bash-completion/completions/bvhctl /usr/share/zsh/vendor-completions/_bvhd \
+        /usr/share/doc/bvhd/examples/trace_cpu.c; do
         expect "installed: $path" [ -e "$path" ]
     done
 }
@@ -274,6 +275,7 @@ test_upgrade()
     expect 'a higher version' [ "$(dpkg-query -W -f '${Version}' bvhd)" = "$(dpkg-deb -f "$newer"/bvhd_*.deb Version)" ]
     expect "the service is restarted if it runs: $(cat "$requests")" asked 'bvhd.service try-restart'
     expect 'the socket is not stopped' not grep -Eq 'bvhd[.]socket (stop|restart|try-restart)' "$requests"
+    expect 'the service has its configuration' [ "$configuration" = /etc/bvhd/bvhd.conf ]
     expect "the configuration stays: $configuration" changed
     expect_quietly 'the daemon serves' served again
     expect 'it is the same one' [ "$(readlink "/proc/$running/exe")" = '/usr/bin/bvhd (deleted)' ]
