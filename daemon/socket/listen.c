@@ -17,7 +17,7 @@ enum { LOCK_TRIES = 1000, LOCK_PAUSE_MS = 5 };
 /* Serialises daemons that start on one path. */
 struct lock {
     int file;
-    char path[LISTEN_PATH_SIZE + sizeof ".lock"];
+    char path[LISTEN_PATH_SIZE + sizeof ".listen.lock"];
 };
 
 static enum bvhd_status refused(struct bvhd_error *error, const char *path, const char *what)
@@ -62,13 +62,13 @@ static bool is_current(int lock, const char *path)
 }
 
 /*
- * Locks the file `path`.lock. A daemon holds the lock from checking the socket's file until listening on it, which
- * takes almost no time.
+ * Locks the file `path`.listen.lock. A daemon holds the lock from checking the socket's file until listening on it,
+ * which takes almost no time.
  */
 static enum bvhd_status lock_path(const char *path, struct lock *ret_lock, struct bvhd_error *error)
 {
     struct lock lock;
-    snprintf(lock.path, sizeof lock.path, "%s.lock", path);
+    snprintf(lock.path, sizeof lock.path, "%s.listen.lock", path);
     for (int i = 0; i < LOCK_TRIES; i++) {
         enum bvhd_status status = open_lock(lock.path, &lock.file, error);
         if (status != BVHD_OK)

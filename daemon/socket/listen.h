@@ -22,7 +22,7 @@ struct listener {
  * died, is replaced. Errors: BVHD_BUSY when another process listens there or holds the lock; BVHD_INVALID
  * when the path is empty, too long, or a file that is not a socket; BVHD_IO for errors of the system. An existing file
  * stays in these cases. Daemons that start at the same time are serialised by a lock on a file beside the socket,
- * `path`.lock, which only this user can open, and which is removed again; waiting for it blocks the caller for 5
+ * `path`.listen.lock, which only this user can open, and which is removed again; waiting for it blocks the caller for 5
  * seconds at most.
  */
 enum bvhd_status listen_bind(const char *path, struct listener *ret_listener, struct bvhd_error *error);

@@ -180,7 +180,7 @@ rm s
 refused 1 --socket no/such/place
 if [ ! -e /run/bvhd ]; then
     refused 1
-    expect "the default can be changed: $(cat err)" has '/run/bvhd/bvhd.sock.lock: .*--socket PATH' err
+    expect "the default can be changed: $(cat err)" has '/run/bvhd/bvhd.sock.listen.lock: .*--socket PATH' err
 fi
 refused 1 --socket "$(printf '%0200d' 0)"
 expect 'the limit is named' has 107 err

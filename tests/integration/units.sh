@@ -46,7 +46,8 @@ exposure()
     systemd-analyze security --no-pager --offline=yes --threshold="$1" --root="$root" bvhd.service
 }
 
-# The scratch system needs the machine's units that ours refer to: basic.target and its dependencies.
+# The scratch system needs the machine's units that ours refer to, basic.target and its dependencies, and the shell that
+# reloads.
 root=$scratch/root
 expect_quietly 'meson install' meson install -C "$build" --no-rebuild --destdir "$root"
 units=$(dirname "$(find "$root" -path '*/systemd/system/bvhd.socket')")
@@ -57,6 +58,8 @@ for path in bin/bvhd lib/systemd/system/bvhd.service lib/systemd/system/bvhd.soc
 done
 mkdir -p "$root/usr/lib/systemd" "$root/etc" "$root/run"
 [ -e "$root/lib" ] || ln -s usr/lib "$root/lib"
+[ -e "$root/bin" ] || mkdir "$root/bin"
+cp /bin/sh "$root/bin/"
 cp -rn /usr/lib/systemd/system "$root/usr/lib/systemd/"
 # systemd reads units in these places only, so the test copies an installation with another prefix there.
 case $prefix in

@@ -217,7 +217,7 @@ static void test_lock_of_others(void **state)
     struct listener listener;
     struct bvhd_error error;
     (void)state;
-    snprintf(lock, sizeof lock, "%s.lock", path);
+    snprintf(lock, sizeof lock, "%s.listen.lock", path);
     close(open(lock, O_CREAT | O_WRONLY, 0600));
     assert_int_equal(chmod(lock, 0666), 0);
     assert_int_equal(listen_bind(path, &listener, &error), BVHD_BUSY);
