@@ -32,11 +32,7 @@ static uint64_t file_size(const struct store_entry *entry)
     return ENTRY_HEADER + entry->summary.size + entry->size;
 }
 
-/*
- * Makes an empty file under a name of its own, and locks it as long as this process lives, by which store_scan knows
- * that it is not left over.
- */
-static enum bvhd_status make_file(struct writing *writing)
+static enum bvhd_status open_new(struct writing *writing)
 {
     uint64_t number;
     if (getrandom(&number, sizeof number, 0) != sizeof number)
@@ -44,10 +40,29 @@ static enum bvhd_status make_file(struct writing *writing)
     snprintf(writing->temporary, sizeof writing->temporary, STORE_TEMPORARY "%016" PRIx64, number);
     writing->file = openat(writing->shard, writing->temporary, O_RDWR | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC,
                            S_IRUSR | S_IWUSR);
-    if (writing->file < 0)
-        return failed(writing, "making the file");
-    flock(writing->file, LOCK_EX | LOCK_NB); /* where there are no locks, files that are left over stay longer */
-    return BVHD_OK;
+    return writing->file >= 0 ? BVHD_OK : failed(writing, "making the file");
+}
+
+/*
+ * Makes an empty file under a name of its own, and locks it as long as this process lives, by which store_scan knows
+ * that it is not left over. A scan may find it before it is locked, and remove it: then another one is made. Where
+ * there are no locks, files that are left over stay.
+ */
+static enum bvhd_status make_file(struct writing *writing)
+{
+    struct stat about;
+    for (int tries = 0; tries < 8; tries++) {
+        enum bvhd_status status = open_new(writing);
+        if (status != BVHD_OK)
+            return status;
+        flock(writing->file, LOCK_EX); /* a scan holds the lock for a moment only */
+        if (fstat(writing->file, &about) != 0 || about.st_nlink > 0)
+            return BVHD_OK;
+        close(writing->file);
+        writing->file = -1;
+    }
+    errno = EBUSY;
+    return failed(writing, "making the file");
 }
 
 /* Reserves the room, so that a full disk is found before anything is written. Some file systems cannot do that. */
