@@ -116,14 +116,15 @@ int main(int argc, char **argv)
     struct fault_options options = fault_options_parse(argc, argv, 20);
     fault_learn(&options, meshes);
     fault_bed_init(&bed, &options, "0", more);
-    for (uint32_t i = 0; i < options.cycles; i++) {
+    /* On a slow machine it takes more cycles until a daemon lives long enough to write and to read. */
+    for (uint32_t i = 0; i < options.cycles || (hits_of_disk == 0 && i < 10 * options.cycles); i++) {
         fault_bed_start(&bed);
         cycle();
     }
     fault_bed_start(&bed);
     look_at_the_rest();
     hostile_expect(count_files("*/damaged/*") == 0, "%zu entries were damaged", count_files("*/damaged/*"));
-    hostile_expect(options.cycles < 10 || hits_of_disk > 0, "the cache on disk was not used");
+    hostile_expect(hits_of_disk > 0, "the cache on disk was not used");
     int failures = fault_bed_end(&bed);
     fault_bed_remove(&bed);
     printf("%u kills: %llu right replies, %llu of them kept ones, %llu from disk; %d failures\n", options.cycles,

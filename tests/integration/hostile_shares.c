@@ -176,6 +176,13 @@ static void case_crowd(void)
         raw_close(&clients[i]);
 }
 
+/* Returns how many jobs the workers have, and how many builds will become some. */
+static uint64_t jobs_left(void)
+{
+    return hostile_counter(&hostile, "jobs_running") + hostile_counter(&hostile, "jobs_queued") +
+           hostile_counter(&hostile, "builds_waiting");
+}
+
 /* Clients do not read their results of 2.6 MiB each. */
 static void case_unread(void)
 {
@@ -185,12 +192,9 @@ static void case_unread(void)
         connect_well(&clients[i]);
     for (int k = 0; k < REQUESTS; k++)
         ask_for_boxes(&clients[k % SLOW_READERS], 100000, 10 + ++asked, 1);
-    uint64_t done = 0, before = UINT64_MAX;
-    for (double begin = hostile_now(); done != before && hostile_now() - begin < 60000;) {
-        sleep_ms(1000);
-        before = done;
-        done = hostile_counter(&hostile, "builds_done");
-    }
+    wait_for("prepares_waiting", 1);
+    for (double begin = hostile_now(); jobs_left() > 0 && hostile_now() - begin < 60000;)
+        sleep_ms(200);
     double unread = counter_mib("results_held_bytes");
     hostile_expect(unread > 0 && unread < UNREAD_MEMORY, "%.0f MiB of results lie unread", unread);
     hostile_expect(hostile_counter(&hostile, "prepares_waiting") > 0, "everything was built: nothing is shown");

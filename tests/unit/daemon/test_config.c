@@ -6,7 +6,7 @@
 
 #include "daemon/config.h"
 
-enum { MAX_WORDS = 16 };
+enum { MAX_WORDS = 32 };
 
 static char directory[] = "/tmp/bvhd-config-XXXXXX";
 static char path[64];
