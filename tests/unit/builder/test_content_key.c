@@ -228,15 +228,15 @@ static void failing_allocations_are_reported(void **state)
     assert_true(failures > 0);
 }
 
-/* How many more allocations of the hash library succeed; negative: all do. */
-static int hash_allocations = -1;
+/* How many more allocations of the hash library succeed; negative: all do. Other tests allocate on several threads. */
+static atomic_int hash_allocations = -1;
 
 static bool may_allocate(void)
 {
-    if (hash_allocations == 0)
-        return false;
-    hash_allocations -= hash_allocations > 0;
-    return true;
+    int left = atomic_load(&hash_allocations);
+    if (left > 0)
+        atomic_fetch_sub(&hash_allocations, 1);
+    return left != 0;
 }
 
 static void *hash_malloc(size_t size, const char *file, int line)
