@@ -62,7 +62,7 @@ struct store_entry {
  * Takes an entry that is read: `begin` once, then `write` in order and in pieces of at most 64 KiB. Nothing is verified
  * until store_get returns BVHD_OK, except that the file has room for entry->size bytes; the receiver therefore checks
  * the summary as it checks other hostile bytes. The summary is valid during `begin`. A status other than BVHD_OK ends
- * the reading; BVHD_CORRUPT says that the entry is of no use to the receiver, so that it is set aside, too.
+ * the reading; with BVHD_CORRUPT the receiver says that it cannot use the entry, which is then set aside.
  */
 struct store_sink {
     enum bvhd_status (*begin)(struct store_sink *sink, const struct store_entry *entry, struct bvhd_error *error);

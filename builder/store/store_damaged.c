@@ -8,12 +8,12 @@
 #include <unistd.h>
 
 /*
- * Damaged files are kept for somebody who wants to know what damaged them: at most so many, and at most this share of
- * the budget.
+ * Damaged files are kept so that the cause of the damage can be looked for: at most DAMAGED_MOST of them, which take at
+ * most the budget divided by DAMAGED_SHARE.
  */
 enum { DAMAGED_MOST = 16, DAMAGED_SHARE = 64 };
 
-/* What is in the folder of damaged files, and which of them is the oldest. */
+/* Describes the folder of damaged files: how many there are, their bytes, and the oldest one. */
 struct damaged {
     uint32_t count;
     uint64_t bytes, oldest_bytes;

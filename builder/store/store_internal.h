@@ -40,7 +40,7 @@ struct store {
     _Atomic uint64_t written, read, damaged, evicted, write_errors;
 };
 
-/* What a file of that size counts as. */
+/* Returns the bytes that a file of `file_size` bytes counts for in the budget: whole pages. */
 static inline uint64_t store_bytes_of(uint64_t file_size)
 {
     return bytes_align(file_size, 4096);

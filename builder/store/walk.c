@@ -12,7 +12,7 @@ static bool is_digit(char c)
     return (c >= '0' && c <= '9') || (c >= 'a' && c <= 'f');
 }
 
-/* Whether a name consists of so many hexadecimal digits, in lower case. */
+/* Returns whether a name consists of `count` hexadecimal digits in lower case. */
 static bool is_hexadecimal(const char *name, size_t count)
 {
     size_t digits = 0;

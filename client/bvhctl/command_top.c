@@ -11,7 +11,7 @@
 #include "client/bvhctl/service/connections_view.h"
 #include "client/bvhctl/service/counters_view.h"
 
-/* What is known at one time. Both are NULL at first. */
+/* One look at the service: its counters and its connections. Both are NULL until they have been received. */
 struct look {
     struct bvhd_counters *counters;
     struct bvhd_connections *connections;

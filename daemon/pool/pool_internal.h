@@ -64,8 +64,8 @@ struct pool_flow {
     /* open calls, by priority of their jobs, then by age of their jobs, then by their own age */
     struct pool_call *calls;
     uint32_t open; /* jobs queued or running, in flows within it, too; it is in parent->flows while there are any */
-    uint32_t
-        jobs; /* jobs submitted and not done, and flows within it; only the loop thread uses it, without the lock */
+    /* jobs submitted and not done, and flows within it; only the loop thread uses it, without the lock */
+    uint32_t jobs;
     bool ended; /* by pool_flow_end; only the loop thread uses it, without the lock */
     struct pool_queue queue;
     struct pool_time busy; /* what its jobs, and those of the flows within it, have really had */

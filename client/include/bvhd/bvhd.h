@@ -510,8 +510,11 @@ struct bvhd_connection {
     const char *software; /* what it calls itself, such as "libbvhd 0.1.0"; "": it has not said */
 };
 
-/* What bvhd_client_connections does if the caller may not see all connections: by default it lists the others. */
-enum bvhd_connections_flags { BVHD_CONNECTIONS_ALL = 1 /* it fails with BVHD_UNSUPPORTED, and the rule as the text */ };
+/* Flags of bvhd_client_connections. By default it lists the connections that the caller is allowed to see. */
+enum bvhd_connections_flags {
+    BVHD_CONNECTIONS_ALL =
+        1 /* if the caller may not see all, the call fails with BVHD_UNSUPPORTED and names the rule */
+};
 
 /*
  * Waits for the list of the service's connections, the newest first, at most 4,096. Root and the user who runs the
@@ -530,7 +533,7 @@ BVHD_API uint32_t bvhd_connections_total(const struct bvhd_connections *connecti
 BVHD_API uint32_t bvhd_connections_hidden(const struct bvhd_connections *connections);
 BVHD_API void bvhd_connections_destroy(struct bvhd_connections *connections);
 
-/* What bvhd_client_cache does with the results that the service keeps. */
+/* Actions of bvhd_client_cache on the results that the service keeps. */
 enum bvhd_cache_action {
     BVHD_CACHE_SHOW = 0, /* nothing */
     BVHD_CACHE_TRIM = 1, /* removes the least recently used results on disk, until at most `bytes` are left there */

@@ -115,13 +115,14 @@ static void let_replies_leave(struct world_client *client)
     while (client->first_held) {
         struct reply *reply = client->first_held;
         client->first_held = reply->next;
+        if (!client->first_held)
+            client->end_held = &client->first_held; /* now, because the calls below may make the session reply */
         if (client->session)
             session_sent(client->session, reply);
         if (client->session && reply->header.descriptors > 0)
             session_read(client->session, reply->blob->size);
         reply_destroy(reply);
     }
-    client->end_held = &client->first_held;
 }
 
 void world_iterate(struct session_world *world)
