@@ -24,7 +24,7 @@
  * few of them can describe curves and subdivisions: a file of 2,770 bytes that is worth reading takes 0.26 s.
  */
 enum {
-    TIME_BASE_US = HAS_SHADOW_MEMORY ? 8000000 : 150000,
+    TIME_BASE_US = HAS_SHADOW_MEMORY ? 2000000 : 150000,
     TIME_A_BYTE_US = HAS_SHADOW_MEMORY ? 200 : 10,
     TIME_A_FIRST_BYTE_US = 90, /* in addition */
     FIRST_BYTES = 4096,
