@@ -76,8 +76,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 }
 
 /*
- * Samples are whole files with summaries of several sizes, one of which is a summary that can be read, without a payload
- * and with one, named and sized or not.
+ * Samples are whole files with summaries of several sizes, one of which can be read, without a payload and with one,
+ * named and sized or not.
  */
 size_t fuzz_sample(uint32_t index, uint8_t *ret_bytes)
 {
