@@ -41,8 +41,7 @@ void request_cancel(struct request *request)
 void request_expire(struct request *request)
 {
     struct bvhd_error error;
-    bvhd_error_set(&error, BVHD_CANCELLED, "deadline", "no result within %u ms, the deadline of the request",
-                   request->deadline_ms);
+    bvhd_error_deadline(&error, request->deadline_ms);
     for (uint32_t i = 0; i < request->count; i++)
         item_withdraw(&request->items[i], &error);
     request_settle(request);

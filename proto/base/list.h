@@ -34,6 +34,15 @@ static inline void list_prepend(struct list *list, struct list_link *link)
     list->first = link;
 }
 
+/* Adds a link behind `before`, which is in this list; at the beginning if that is NULL. */
+static inline void list_insert_after(struct list *list, struct list_link *before, struct list_link *link)
+{
+    struct list_link *next = before ? before->next : list->first;
+    *link = (struct list_link){before, next};
+    *(before ? &before->next : &list->first) = link;
+    *(next ? &next->previous : &list->last) = link;
+}
+
 /* Removes a link, which must be in this list. */
 static inline void list_remove(struct list *list, struct list_link *link)
 {

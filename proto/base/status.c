@@ -82,3 +82,9 @@ enum bvhd_status bvhd_error_no_memory(struct bvhd_error *error, const char *wher
     }
     return BVHD_NO_MEMORY;
 }
+
+enum bvhd_status bvhd_error_deadline(struct bvhd_error *error, uint32_t ms)
+{
+    return bvhd_error_set(error, BVHD_CANCELLED, BVHD_ERROR_DEADLINE,
+                          "no result within %u ms, the deadline of the request", ms);
+}

@@ -5,6 +5,7 @@
 
 #include <stdarg.h>
 #include <stddef.h>
+#include <stdint.h>
 
 #include "bvhd/status.h"
 
@@ -24,5 +25,11 @@ enum bvhd_status bvhd_error_rule(struct bvhd_error *error, enum bvhd_vuid vuid, 
 /* Works like bvhd_error_set with BVHD_NO_MEMORY. */
 enum bvhd_status bvhd_error_no_memory(struct bvhd_error *error, const char *where, const char *format, ...)
     __attribute__((format(printf, 3, 4)));
+
+/* The place in errors of a deadline. */
+#define BVHD_ERROR_DEADLINE "deadline"
+
+/* Fills the error of a structure that has no result within `ms` milliseconds, its deadline: BVHD_CANCELLED. */
+enum bvhd_status bvhd_error_deadline(struct bvhd_error *error, uint32_t ms);
 
 #endif

@@ -54,6 +54,19 @@ static void items_keep_their_order(void **state)
     assert_items(&list, (const struct item *[]){&c}, 1);
 }
 
+static void items_are_put_between_others(void **state)
+{
+    (void)state;
+    struct list list = {0};
+    struct item a, b, c, d;
+    list_insert_after(&list, NULL, &c.link);
+    assert_items(&list, (const struct item *[]){&c}, 1);
+    list_insert_after(&list, NULL, &a.link);
+    list_insert_after(&list, &a.link, &b.link);
+    list_insert_after(&list, &c.link, &d.link);
+    assert_items(&list, (const struct item *[]){&a, &b, &c, &d}, 4);
+}
+
 /* The list equals an array from which items are cut out, for many random steps. */
 static void list_equals_an_array(void **state)
 {
@@ -88,6 +101,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(zero_is_empty),
         cmocka_unit_test(items_keep_their_order),
+        cmocka_unit_test(items_are_put_between_others),
         cmocka_unit_test(list_equals_an_array),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -125,6 +125,16 @@ static void an_error_can_be_told_again(void **state)
     assert_string_equal(error.text, "file x: bad");
 }
 
+static void a_deadline_is_a_cancellation(void **state)
+{
+    (void)state;
+    struct bvhd_error error;
+    assert_int_equal(bvhd_error_deadline(&error, 250), BVHD_CANCELLED);
+    assert_int_equal(error.status, BVHD_CANCELLED);
+    assert_string_equal(error.where, BVHD_ERROR_DEADLINE);
+    assert_string_equal(error.text, "no result within 250 ms, the deadline of the request");
+}
+
 int main(void)
 {
     static const struct CMUnitTest tests[] = {
@@ -138,6 +148,7 @@ int main(void)
         cmocka_unit_test(long_words_are_cut),
         cmocka_unit_test(an_error_is_one_line),
         cmocka_unit_test(an_error_can_be_told_again),
+        cmocka_unit_test(a_deadline_is_a_cancellation),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
