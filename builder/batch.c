@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "proto/base/clock.h"
+#include "proto/base/place.h"
 #include "builder/content_key.h"
 #include "builder/input/prepare.h"
 #include "builder/tier.h"
@@ -137,6 +138,10 @@ static void run_item(struct batch *batch, const struct build_input *input, uint3
     struct build_context context = *batch->context;
     struct memory memory;
     struct canonical canonical;
+    if (context_cancelled(&context)) {
+        item->status = bvhd_error_set(&item->error, BVHD_CANCELLED, place("infos[%u]", index).text, "cancelled");
+        return;
+    }
     memory_init_within(&memory, batch->context->memory, UINT64_MAX);
     context.memory = &memory;
     context.progress = context.progress ? report : NULL;

@@ -2,6 +2,7 @@
 #include "client/client.h"
 
 #include "client/argument.h"
+#include "client/client_deadline.h"
 #include "client/client_link.h"
 #include "client/client_wait.h"
 #include "client/incoming.h"
@@ -17,6 +18,7 @@ void client_look(struct bvhd_client *client)
     uint64_t now = clock_ns();
     incoming_receive(client, now);
     client_link_check(client, now);
+    client_deadline_check(client, now);
 }
 
 void client_advance(struct bvhd_client *client)

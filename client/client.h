@@ -50,6 +50,7 @@ struct bvhd_client {
     struct connection *current; /* the connection for new requests; NULL: none */
     struct connection *leaving; /* a connection whose daemon is ending: it finishes what is under way; NULL: none */
     struct bvhd_batch *queue; /* batches with unsent items, by priority, then by age */
+    struct list timed; /* batches with a deadline that are not done, the earliest first; by bvhd_batch.deadline */
     uint32_t wanted; /* number of threads that wait for a connection */
     uint64_t retry_at; /* no attempt to connect before this moment */
     uint32_t backoff_ms;

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "client/client_batch.h"
 
+#include "client/client_deadline.h"
 #include "client/client_wait.h"
 #include "client/dependency.h"
 #include "client/local_job.h"
@@ -70,6 +71,7 @@ static void finish_item(struct bvhd_batch *batch, uint32_t index)
     dependency_settle(batch, index);
     if (--batch->remaining > 0)
         return;
+    client_deadline_remove(batch);
     client_stir(batch->client);
     callback_add(batch);
 }
@@ -215,16 +217,15 @@ static void for_exchanges(struct bvhd_batch *batch, void (*visit)(struct bvhd_ba
                 visit(batch, connections[c]->table.slots[i]);
 }
 
-static void cancel_all(struct bvhd_batch *batch)
+static void end_items(struct bvhd_batch *batch, const struct bvhd_error *error)
 {
     if (batch->remaining == 0)
         return;
-    struct bvhd_error error = cancelled();
     for_exchanges(batch, cancel_exchange);
     client_batch_unqueue(batch);
     for (uint32_t i = 0; i < batch->count; i++)
         if (batch->items[i].state != ITEM_DONE)
-            client_batch_fail_item(batch, i, &error);
+            client_batch_fail_item(batch, i, error);
 }
 
 static void detach(struct bvhd_batch *batch, struct exchange *exchange)
@@ -237,6 +238,13 @@ static void detach(struct bvhd_batch *batch, struct exchange *exchange)
 static struct bvhd_batch *lookup_of(const struct bvhd_batch *batch)
 {
     return batch->dependencies ? batch->dependencies->lookup : NULL;
+}
+
+void client_batch_end(struct bvhd_batch *batch, const struct bvhd_error *error)
+{
+    end_items(batch, error);
+    if (lookup_of(batch))
+        end_items(lookup_of(batch), error);
 }
 
 void client_batch_free(struct bvhd_batch *batch)
@@ -255,7 +263,8 @@ void client_batch_free(struct bvhd_batch *batch)
 /* Cancels a batch that is about to be freed, and removes all that points to it. */
 static void retire(struct bvhd_batch *batch)
 {
-    cancel_all(batch);
+    struct bvhd_error error = cancelled();
+    end_items(batch, &error);
     client_batch_unqueue(batch);
     for_exchanges(batch, detach);
     for (uint32_t i = 0; i < batch->count; i++)
@@ -280,10 +289,9 @@ void bvhd_batch_cancel(struct bvhd_batch *batch)
 {
     if (!batch)
         return;
+    struct bvhd_error error = cancelled();
     client_lock(batch->client);
-    cancel_all(batch);
-    if (lookup_of(batch))
-        cancel_all(lookup_of(batch));
+    client_batch_end(batch, &error);
     client_unlock(batch->client);
 }
 

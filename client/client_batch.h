@@ -40,7 +40,10 @@ struct bvhd_batch {
     bool is_refused; /* it needed a local build, and no thread may do that */
     uint64_t submitted_at;
     int32_t priority;
-    uint64_t deadline; /* when unsent items fail if there is still no connection */
+    uint64_t connect_by; /* when unsent items fail if there is still no connection */
+    uint32_t deadline_ms; /* from submitted_at on; 0: none */
+    bool is_timed; /* it has a deadline and items without a result */
+    struct list_link timed; /* is_timed: in client.timed */
     struct vulkan_input *input; /* NULL: a batch of keys, or no longer needed */
     struct key *keys; /* NULL: a batch of builds */
     struct dependencies *dependencies; /* NULL: no item depends on another, or on a key */
@@ -85,6 +88,9 @@ void client_batch_set_progress(struct bvhd_batch *batch, uint32_t item, uint32_t
 
 /* Records that the payload of an item is in the client's memory. */
 void client_batch_set_copied(struct bvhd_batch *batch, uint32_t item);
+
+/* Ends all items that are not done, with an error, those of a lookup too; the daemon stops working on them. */
+void client_batch_end(struct bvhd_batch *batch, const struct bvhd_error *error);
 
 /* Ends all items that are not sent, with an error. */
 void client_batch_fail_unsent(struct bvhd_batch *batch, const struct bvhd_error *error);

@@ -2,6 +2,7 @@
 #include "client/client_link.h"
 
 #include "client/client_batch.h"
+#include "client/client_deadline.h"
 #include "client/client_wait.h"
 #include "client/search.h"
 
@@ -148,7 +149,7 @@ void client_link_leave(struct bvhd_client *client, struct connection *connection
     client->current = NULL;
     client->retry_at = now;
     for (struct bvhd_batch *batch = client->queue; batch; batch = batch->next)
-        batch->deadline = now + client->connect_timeout;
+        batch->connect_by = now + client->connect_timeout;
     client_stir(client);
 }
 
@@ -197,7 +198,7 @@ static void expire(struct bvhd_client *client, uint64_t now)
     error.status = BVHD_UNAVAILABLE;
     for (struct bvhd_batch *batch = client->queue, *next; batch; batch = next) {
         next = batch->next;
-        if (now >= batch->deadline)
+        if (now >= batch->connect_by)
             end_search(batch, &error);
     }
 }
@@ -240,6 +241,6 @@ uint64_t client_link_deadline(const struct bvhd_client *client)
     else if (is_wanted(client))
         deadline = earlier(deadline, client->retry_at);
     for (struct bvhd_batch *batch = client->queue; batch && !client_link_open(client); batch = batch->next)
-        deadline = earlier(deadline, batch->deadline);
-    return deadline;
+        deadline = earlier(deadline, batch->connect_by);
+    return earlier(deadline, client_deadline_next(client));
 }

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "client/argument.h"
 #include "client/client_batch.h"
+#include "client/client_deadline.h"
 #include "client/client_link.h"
 #include "client/client_wait.h"
 #include "client/dependency.h"
@@ -56,7 +57,8 @@ static void enqueue(struct bvhd_batch *batch)
 {
     struct bvhd_client *client = batch->client;
     batch->submitted_at = clock_ns();
-    batch->deadline = batch->submitted_at + client->connect_timeout;
+    batch->connect_by = batch->submitted_at + client->connect_timeout;
+    client_deadline_add(batch);
     if (batch->keys)
         local_builds_answer_held(batch);
     if (client->local.policy == BVHD_LOCAL_ALWAYS)
@@ -153,6 +155,8 @@ enum bvhd_status bvhd_batch_submit(struct bvhd_client *client, const struct bvhd
         return status;
     submission.batch = client_batch_create(client, build->info_count, (int32_t)build->priority);
     status = submission.batch ? describe(&submission) : BVHD_NO_MEMORY;
+    if (status == BVHD_OK)
+        submission.batch->deadline_ms = format_deadline(build);
     if (status == BVHD_OK)
         fail_broken(&submission);
     reference_table_finish(&submission.references, &library_memory);

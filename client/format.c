@@ -88,8 +88,6 @@ enum bvhd_status format_options(const struct bvhd_build *build, struct build_opt
         status = check_numbers(build, target, error);
     if (status != BVHD_OK)
         return status;
-    if (build->struct_size > FORMAT_BUILD_RAYLESS && build->reserved != 0)
-        return bvhd_error_set(error, BVHD_INVALID, "build.reserved", "%u instead of 0", build->reserved);
     struct build_options options = {.quality = (enum build_quality)build->quality,
                                     .target = (enum target)target,
                                     .layout_flags = build->layout_flags};
@@ -102,4 +100,9 @@ enum bvhd_status format_options(const struct bvhd_build *build, struct build_opt
     }
     *ret_options = options;
     return BVHD_OK;
+}
+
+uint32_t format_deadline(const struct bvhd_build *build)
+{
+    return build->struct_size > FORMAT_BUILD_RAYLESS ? build->deadline_ms : 0;
 }

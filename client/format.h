@@ -19,11 +19,14 @@ enum {
 };
 
 /*
- * Converts the options. `build` has one of its valid sizes. BVHD_INVALID, with the place "build.reserved" or
+ * Converts the options. `build` has one of its valid sizes. BVHD_INVALID, with the place
  * "build.format": a native target without a format, or a format of another target or of unknown size. The builder
  * judges the contents of the format, and targets that this library does not know.
  */
 enum bvhd_status format_options(const struct bvhd_build *build, struct build_options *ret_options,
                                 struct bvhd_error *error);
+
+/* Returns the deadline of a build, in milliseconds; 0: none. */
+uint32_t format_deadline(const struct bvhd_build *build);
 
 #endif

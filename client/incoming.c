@@ -4,6 +4,7 @@
 #include <unistd.h>
 
 #include "client/client_batch.h"
+#include "client/client_deadline.h"
 #include "client/client_link.h"
 #include "proto/base/place.h"
 #include "client/result_blob.h"
@@ -106,6 +107,8 @@ static void fail_entry(struct exchange *exchange, uint32_t index, const struct b
     struct bvhd_error told = *error;
     if (told.status == BVHD_OK || told.status == BVHD_PENDING)
         bvhd_error_set(&told, BVHD_CORRUPT, told.where, "the daemon sent an error that is none");
+    if (told.status == BVHD_CANCELLED && strcmp(told.where, BVHD_ERROR_DEADLINE) == 0)
+        bvhd_error_deadline(&told, exchange->batch->deadline_ms); /* the daemon knows only what was left of it */
     renumber(&told, exchange->batch, index, entry->item);
     client_batch_fail_item(exchange->batch, entry->item, &told);
 }

@@ -2,6 +2,7 @@
 #include "client/local_builds.h"
 
 #include "client/client_batch.h"
+#include "client/client_deadline.h"
 #include "client/client_wait.h"
 #include "client/local_job.h"
 #include "client/outgoing.h"
@@ -100,12 +101,24 @@ static struct local_job *find_job(const struct bvhd_client *client, const struct
     return link ? container_of(link, struct local_job, link) : NULL;
 }
 
+/* A job ends at the latest deadline of those who wait for it. */
+static void update_deadline(struct local_job *job)
+{
+    uint64_t latest = 0;
+    for (struct list_link *link = job->waiters.first; link; link = link->next) {
+        uint64_t deadline = client_deadline_of(container_of(link, struct client_item, local.link)->local.batch);
+        latest = deadline > latest ? deadline : latest;
+    }
+    atomic_store_explicit(&job->deadline, latest, memory_order_relaxed);
+}
+
 static void join(struct local_job *job, struct bvhd_batch *batch, struct client_item *item)
 {
     item->state = ITEM_BUILDING;
     item->local.batch = batch;
     item->local.job = job;
     list_append(&job->waiters, &item->local.link);
+    update_deadline(job);
 }
 
 /* Lists an item that is done, so that it answers later requests; one that has kept only the bounds cannot. */
@@ -207,6 +220,7 @@ void local_builds_leave(struct client_item *item)
     struct local_job *job = item->local.job;
     list_remove(&job->waiters, &item->local.link);
     item->local.job = NULL;
+    update_deadline(job);
     if (job->waiters.first)
         return;
     atomic_store_explicit(&job->cancel, true, memory_order_relaxed);
@@ -267,14 +281,28 @@ static void move_waiters(struct local_job *from, struct local_job *to)
     }
 }
 
-/* The lock is dropped during the build. */
+/* Ends the items whose deadline is why a job was cancelled. */
+static void end_late_items(struct bvhd_client *client, const struct local_job *job)
+{
+    if (job->status == BVHD_CANCELLED)
+        client_deadline_check(client, clock_ns());
+}
+
+/*
+ * The lock is dropped during the build. An item with more time may join just when the job is cancelled because the time
+ * of the others has run out: then it begins again.
+ */
 static void build_job(struct bvhd_client *client, struct local_job *job, const struct parallel *parallel)
 {
     list_append(&client->local.jobs, &job->link);
     job->is_open = true;
-    client_unlock(client);
-    local_job_build(job, parallel);
-    client_lock(client);
+    do {
+        atomic_store_explicit(&job->cancel, false, memory_order_relaxed);
+        client_unlock(client);
+        local_job_build(job, parallel);
+        client_lock(client);
+        end_late_items(client, job);
+    } while (job->status == BVHD_CANCELLED && job->waiters.first);
     close_job(client, job);
     if (job->status == BVHD_OK)
         complete_waiters(client, job);
@@ -323,6 +351,7 @@ bool local_builds_run(struct bvhd_client *client, const struct parallel *paralle
     local_job_prepare(job, parallel);
     client_lock(client);
     placement_release(&client->placement, &job->payload);
+    end_late_items(client, job);
     offer_work(client);
     resolve_job(client, job, parallel);
     offer_work(client);

@@ -10,6 +10,7 @@
 #include "client/local_library.h"
 #include "proto/base/container_of.h"
 #include "proto/base/place.h"
+#include "proto/base/timed_parallel.h"
 #include "proto/wire/rows.h"
 
 struct local_job *local_job_create(const struct control_item *asked, uint32_t index, struct held *payload,
@@ -23,6 +24,7 @@ struct local_job *local_job_create(const struct control_item *asked, uint32_t in
     job->index = index;
     job->payload = *payload;
     job->pool_bytes = pool_bytes;
+    atomic_init(&job->deadline, LIBRARY_NEVER);
     memory_init_within(&job->memory, &library_memory, UINT64_MAX);
     *payload = (struct held){.kind = HELD_NOTHING, .descriptor = -1};
     return job;
@@ -89,13 +91,15 @@ static enum bvhd_status map_and_copy(struct local_job *job, const struct paralle
 void local_job_prepare(struct local_job *job, const struct parallel *parallel)
 {
     double begin = clock_ms();
+    struct timed_parallel timed;
+    timed_parallel_init(&timed, parallel, &job->deadline, &job->cancel);
     job->status = local_library_load(&job->library, &job->error);
     if (job->status != BVHD_OK)
         return;
     if (job->payload.kind == HELD_MEMFD)
-        job->status = map_and_copy(job, parallel);
+        job->status = map_and_copy(job, &timed.parallel);
     else
-        job->status = make_copy(job, (struct bytes){job->pool_bytes, job->payload.size}, parallel);
+        job->status = make_copy(job, (struct bytes){job->pool_bytes, job->payload.size}, &timed.parallel);
     job->prepare_ms = clock_ms() - begin;
 }
 
@@ -138,7 +142,9 @@ uint32_t local_job_thousandths(const struct local_job *job)
 void local_job_build(struct local_job *job, const struct parallel *parallel)
 {
     struct blob_memory blob = {.output = {allocate, discard}};
-    struct build_context context = context_of(job, parallel);
+    struct timed_parallel timed;
+    timed_parallel_init(&timed, parallel, &job->deadline, &job->cancel);
+    struct build_context context = context_of(job, &timed.parallel);
     struct memory memory;
     memory_init_within(&memory, &library_memory, UINT64_MAX);
     context.memory = &memory;

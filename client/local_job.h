@@ -23,7 +23,8 @@ struct local_job {
     struct control_item asked;
     struct held payload; /* until it is prepared */
     const unsigned char *pool_bytes; /* HELD_POOL: the payload */
-    atomic_bool cancel;
+    atomic_bool cancel; /* also set when `deadline` has passed */
+    _Atomic uint64_t deadline; /* by clock_ns, after which no item wants the result; LIBRARY_NEVER: none */
     struct memory memory; /* of the preparation */
     const struct build_library *library;
     struct build_library_copy copy;
@@ -46,7 +47,10 @@ void local_job_destroy(struct local_job *job);
 /* Loads the library, reads the payload and makes its copy with the key. Sets `status` and `error`. */
 void local_job_prepare(struct local_job *job, const struct parallel *parallel);
 
-/* Builds the structure of a copy that was made. Sets `status`, `error`, `blob` and the statistics. */
+/*
+ * Builds the structure of a copy that was made. Sets `status`, `error`, `blob` and the statistics. It may be called
+ * again after BVHD_CANCELLED.
+ */
 void local_job_build(struct local_job *job, const struct parallel *parallel);
 
 /* Returns how far the build is, in thousandths. Any thread. */

@@ -2,6 +2,7 @@
 #include "client/outgoing.h"
 
 #include "client/client_batch.h"
+#include "client/client_deadline.h"
 #include "client/client_link.h"
 #include "client/incoming.h"
 #include "proto/base/place.h"
@@ -267,6 +268,7 @@ static enum bvhd_status pack(struct draft *draft, struct bytes *ret_control)
     }
     struct control_build build = {
         .priority = draft->batch->priority,
+        .deadline_ms = client_deadline_left_ms(draft->batch, clock_ns()),
         .memfd_count = exchange->descriptor_count,
         .item_count = exchange->count,
         .items = draft->items,

@@ -92,6 +92,15 @@ expect 'no parts of files' [ -z "$(find cut cut-build -name '*.??????')" ]
 expect 'no picture' [ ! -e cut/picture.png ]
 expect 'no manifest' [ ! -e cut-build/manifest.json ]
 
+# What has no result at its deadline is cancelled; what has enough time is built.
+run 2 --local build ball.ply -o late --deadline 0
+one_error_line
+run 1 --local build large.ply -o late --quality high --deadline 1 --json
+one_json_object
+expect 'the deadline is the reason' grep -q '"status":"CANCELLED".*"where":"deadline"' out
+expect 'nothing is written' [ ! -e late/manifest.json ]
+run 0 --local build ball.ply -o late --deadline 3600000
+
 # Errors only, or more.
 run 0 -q --local build nan.ply -o quiet
 expect 'nothing but errors' [ ! -s out ]

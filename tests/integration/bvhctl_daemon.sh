@@ -217,6 +217,10 @@ done
 expect "eight at once: four builds ($before, then $(counter "$s" builds_started))" \
     counter_is "$s" builds_started $((before + 4))
 
+# A deadline passes while the daemon builds.
+run 1 --socket "$s" build large.ply -o late --quality high --layout fast-triangles --flags low-memory --deadline 1
+says 'deadline: no result within 1 ms, the deadline of the request'
+
 # The command get.
 key=$(grep -o '"key": *"[0-9a-f]*"' remote/balanced-park/manifest.json | head -n 1 | grep -o '[0-9a-f]\{64\}')
 file=$(grep -o '"file": *"[^"]*"' remote/balanced-park/manifest.json | head -n 1 | sed 's/.*"\([^"]*\)"$/\1/')

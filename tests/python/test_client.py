@@ -283,6 +283,14 @@ class ClientTest(unittest.TestCase):
         self.assertTrue(batch.is_done)
         self.assertIn(batch.error(0) and batch.error(0).status, (None, bvhd.Status.CANCELLED))
 
+    def test_deadline(self):
+        mesh = waves(400)
+        batch = self.client.submit([mesh], quality=bvhd.Quality.HIGH, deadline=0.001)
+        self.assertTrue(batch.wait())
+        error = batch.error(0)
+        self.assertEqual((error.status, error.where), (bvhd.Status.CANCELLED, "deadline"))
+        self.assertEqual(self.build(waves(12), deadline=3600).statistics["triangles"], 2 * 12 * 12)
+
     def test_close_while_another_thread_waits(self):
         batch = self.client.submit([waves(300)], quality=bvhd.Quality.HIGH)
         ends = []

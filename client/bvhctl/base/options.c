@@ -261,6 +261,9 @@ static enum bvhd_status apply(int value, const char *text, struct options *optio
         return parse_list("--geometry-flags", geometry_flag_names, text, &options->geometry_flags, error);
     case OPTION_RAYS:
         return parse_rays(options, text, &options->rays, error);
+    case OPTION_DEADLINE:
+        return number_read32("--deadline", text, (struct number_range){1, UINT32_MAX, false}, &options->deadline_ms,
+                             error);
     case OPTION_THREADS:
         return number_read32("--threads", text, (struct number_range){1, 1024, false}, &options->threads, error);
     case OPTION_MEMORY:

@@ -62,6 +62,7 @@ struct options {
     uint64_t memory; /* budget in bytes */
     double rays; /* build: expected rays a primitive; check: number of rays to trace; 0: not given */
     double seconds; /* check: limit of time; 0: not given */
+    uint32_t deadline_ms; /* build; 0: not given */
 
     bool all; /* clients: refuse rather than leave out what this user may not see */
     uint32_t count; /* top: how often to look; 0: until it is interrupted */

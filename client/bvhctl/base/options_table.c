@@ -25,6 +25,8 @@ const struct option_row option_rows[] = {
     {"geometry-flags", OPTION_GEOMETRY_FLAGS, "LIST", ON_BUILD, "opaque (default), no-duplicate-any-hit, none"},
     {"rays", OPTION_RAYS, "N", ON_BUILD,
      "expected rays for each primitive, by which the quality auto chooses; without it, auto is balanced"},
+    {"deadline", OPTION_DEADLINE, "MS", ON_BUILD,
+     "milliseconds after which structures that are requested, but not built, are cancelled (default: no limit)"},
     {"rays", OPTION_RAYS, "N", ON_CHECK, "number of rays to trace (default 4000, as many as the time allows)"},
     {"time", OPTION_TIME, "SEC", ON_CHECK,
      "seconds after which brute force stops; what it has not judged is counted (default: no limit with --rays, else "

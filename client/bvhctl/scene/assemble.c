@@ -79,6 +79,7 @@ static struct bvhd_build make_request(const struct options *options, uint32_t co
         .layout_flags = options->build.layout_flags,
         .format = options->format,
         .rays_per_primitive = (float)options->rays,
+        .deadline_ms = options->deadline_ms,
     };
 }
 

@@ -8,6 +8,8 @@
 #include "client/bvhctl/service/local_cache.h"
 #include "client/format.h"
 #include "client/vulkan_input.h"
+#include "proto/base/clock.h"
+#include "proto/base/timed_parallel.h"
 
 /* The owner of the results' bytes. */
 struct hold {
@@ -97,6 +99,24 @@ static void copy_results(const struct hold *hold, const struct bvhd_error *error
     }
 }
 
+/* Runs a batch that has a deadline; what it cancels has the error of a request to a daemon. */
+static enum bvhd_status run_until(const struct build_context *shared, uint32_t deadline_ms,
+                                  const struct batch_call *call, struct batch_item *items, struct bvhd_error *error)
+{
+    struct build_context context = *shared;
+    struct timed_parallel timed;
+    _Atomic uint64_t moment = clock_ns() + (uint64_t)deadline_ms * 1000000;
+    atomic_bool cancel = false;
+    timed_parallel_init(&timed, shared->parallel, &moment, &cancel);
+    context.parallel = &timed.parallel;
+    context.cancel = &cancel;
+    enum bvhd_status status = batch_run(call, &context, items, error);
+    for (uint32_t i = 0; status == BVHD_OK && i < call->count; i++)
+        if (items[i].status == BVHD_CANCELLED)
+            bvhd_error_deadline(&items[i].error, deadline_ms);
+    return status;
+}
+
 static enum bvhd_status build_items(struct backend_local *local, const struct bvhd_build *build,
                                     const struct build_options *options, const struct reference *references,
                                     struct bvhd_error *errors, struct hold *hold, struct bvhd_error *error)
@@ -113,7 +133,9 @@ static enum bvhd_status build_items(struct backend_local *local, const struct bv
                                         .count = build->info_count,
                                         .limits = &limits,
                                         .cache = local_cache_of(local->cache)};
-        status = batch_run(&call, &local->context, hold->items, error);
+        uint32_t deadline_ms = format_deadline(build);
+        status = deadline_ms > 0 ? run_until(&local->context, deadline_ms, &call, hold->items, error)
+                                 : batch_run(&call, &local->context, hold->items, error);
     }
     vulkan_input_destroy(input);
     return status;

@@ -292,7 +292,12 @@ struct bvhd_build {
      * finite and not negative.
      */
     float rays_per_primitive;
-    uint32_t reserved; /* 0 */
+    /*
+     * Milliseconds from the call on after which structures without a result are cancelled; 0: none. Their error is then
+     * BVHD_CANCELLED with the place "deadline". A daemon stops working on them by itself, and a build in this process
+     * stops within a few tens of milliseconds. As always, the program learns of it by calls of dispatch and wait.
+     */
+    uint32_t deadline_ms;
 };
 
 /*

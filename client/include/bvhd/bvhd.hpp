@@ -385,6 +385,7 @@ struct BuildOptions {
     bvhd_priority priority = BVHD_PRIORITY_NORMAL;
     std::uint32_t layout_flags = 0;
     float rays_per_primitive = 0;
+    std::uint32_t deadline_ms = 0;
     const bvhd_format *format = nullptr; /* native structures for this device; portable without it */
 };
 
@@ -486,6 +487,7 @@ class Client
         build.priority = options.priority;
         build.format = options.format;
         build.rays_per_primitive = options.rays_per_primitive;
+        build.deadline_ms = options.deadline_ms;
         return submit(build);
     }
     Expected<Batch> submit(const bvhd_build &build) const

@@ -205,7 +205,7 @@ class Build(c.Structure):
         ("priority", c.c_int),
         ("format", c.POINTER(Format)),
         ("rays_per_primitive", c.c_float),
-        ("reserved", c.c_uint32),
+        ("deadline_ms", c.c_uint32),
     ]
 
 

@@ -422,11 +422,13 @@ class Client:
         format: Optional[Format] = None,
         layout_flags: LayoutFlags = LayoutFlags.NONE,
         rays_per_primitive: float = 0.0,
+        deadline: Optional[float] = None,
     ) -> Batch:
         """Requests structures and returns without waiting for them.
 
         A geometry that comes alone is a bottom level of its own. With a format the structures are
-        native to its driver, else portable.
+        native to its driver, else portable. Structures that have no result `deadline` seconds from
+        now are cancelled; their error is then CANCELLED with the place "deadline".
         """
         request = _Request([as_structure(structure) for structure in structures])
         build = request.build
@@ -434,6 +436,7 @@ class Client:
         build.priority = priority
         build.layout_flags = layout_flags
         build.rays_per_primitive = rays_per_primitive
+        build.deadline_ms = 0 if deadline is None else max(1, round(deadline * 1000))
         if format is not None:
             build.format = c.pointer(format._struct)
         pointer, error = c.c_void_p(), s.Error()

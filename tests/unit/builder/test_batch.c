@@ -184,6 +184,32 @@ static void progress_counts_all_items(void **state)
     batch_finish(f.items, ITEMS, &f.memory);
 }
 
+static void set_flag(void *context, uint64_t done, uint64_t total)
+{
+    (void)done, (void)total;
+    atomic_store((atomic_bool *)context, true);
+}
+
+/* Once the batch is cancelled, no item is begun; those that were built stay. */
+static void a_cancelled_batch_begins_nothing(void **state)
+{
+    (void)state;
+    struct fixture f;
+    atomic_bool cancel = false;
+    fill(&f);
+    f.context.cancel = &cancel;
+    f.context.progress = set_flag;
+    f.context.progress_context = &cancel;
+    assert_int_equal(batch_build(f.inputs, ITEMS, &f.limits, &f.context, f.items, NULL), BVHD_OK);
+    for (int i = 1; i < ITEMS; i++) {
+        assert_int_equal(f.items[i].status, BVHD_CANCELLED);
+        assert_int_equal(f.items[i].error.status, f.items[i].status);
+        assert_true(f.items[i].prepare_ms == 0);
+    }
+    batch_finish(f.items, ITEMS, &f.memory);
+    assert_int_equal(f.memory.live, 0);
+}
+
 /* A cache in memory. */
 struct memory_cache {
     struct batch_cache cache;
@@ -277,6 +303,7 @@ int main(void)
         cmocka_unit_test(nothing_to_do),
         cmocka_unit_test(failing_allocations_hit_one_item),
         cmocka_unit_test(progress_counts_all_items),
+        cmocka_unit_test(a_cancelled_batch_begins_nothing),
         cmocka_unit_test(peaks_are_of_one_item),
         cmocka_unit_test(a_cache_keeps_results_and_no_errors),
     };
