@@ -12,6 +12,7 @@
 #include "daemon/socket/listen.h"
 #include "daemon/socket/metrics.h"
 #include "daemon/system/notify.h"
+#include "daemon/pool/turns.h"
 #include "daemon/pool/watchdog.h"
 
 struct server {
@@ -288,6 +289,8 @@ enum bvhd_status server_run(struct config *config, struct bvhd_error *error)
     signal(SIGPIPE, SIG_IGN);
     enum bvhd_status status = start(&server, error);
     if (status == BVHD_OK) {
+        struct turns turns;
+        turns_begin(&turns, 0);
         announce(&server);
         uv_run(&server.loop, UV_RUN_DEFAULT);
         notify_stopping("leaving");

@@ -17,6 +17,7 @@
 #include "proto/base/list.h"
 #include "daemon/pool/pool.h"
 #include "daemon/pool/pool_queue.h"
+#include "daemon/pool/turns.h"
 
 enum { POOL_SPARE_THREADS = 2, POOL_CACHE_LINE = 64 };
 
@@ -98,6 +99,7 @@ struct pool_thread {
     pthread_t id; /* used only by the thread that starts and stops the pool */
     sem_t wake; /* used without the lock: posted once by the thread that takes this one off a list of sleepers */
     struct pool_thread *next; /* in pool.idle, then in pool.to_wake */
+    struct turns turns; /* only the thread itself uses it, without the lock */
 };
 
 struct pool {
@@ -162,6 +164,9 @@ void pool_threads_stop(struct pool *pool);
 
 /* Returns the calling thread if it belongs to a pool, else NULL. Called with or without the lock. */
 struct pool_thread *pool_threads_self(void);
+
+/* The calling thread, one of the pool's, is about to work for the job. Called without the lock. */
+void pool_threads_set_turns(const struct pool_job *job);
 
 /* Arranges that a thread that was just taken off a list of sleepers is posted by pool_unlock. */
 void pool_threads_wake(struct pool *pool, struct pool_thread *thread);
