@@ -10,12 +10,6 @@
 
 #include "client/library.h"
 
-/*
- * Results up to this size are mapped with all their pages, which costs less than one fault per page if they are read
- * soon. Of a larger result perhaps only few pages are read.
- */
-enum { POPULATE_MAX = 4 << 20 };
-
 struct bvhd_blob {
     atomic_uint refs;
     bool mapped; /* `data` is a mapping; else it comes from library_memory */
@@ -71,7 +65,8 @@ static enum bvhd_status map(int descriptor, uint64_t size, struct bvhd_blob **re
     enum bvhd_status status = check(descriptor, size, error);
     if (status != BVHD_OK)
         return status;
-    void *data = mmap(NULL, size, PROT_READ, MAP_PRIVATE | (size <= POPULATE_MAX ? MAP_POPULATE : 0), descriptor, 0);
+    /* A fault maps 64 KiB at a time, so all pages are mapped in less time than MAP_POPULATE takes, if they are read. */
+    void *data = mmap(NULL, size, PROT_READ, MAP_PRIVATE, descriptor, 0);
     if (data == MAP_FAILED)
         return bvhd_error_set(error, errno == ENOMEM ? BVHD_NO_MEMORY : BVHD_IO, "result", "mmap: %s", strerror(errno));
     status = create(data, size, true, ret_blob, error);
