@@ -3,10 +3,12 @@
 
 #include <ctype.h>
 #include <errno.h>
+#include <fcntl.h>
 #include <getopt.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include "proto/base/number.h"
@@ -26,6 +28,7 @@ enum option_kind {
     KIND_SLOW,
     KIND_LEVEL,
     KIND_CONFIG, /* this and the following are for the command line only */
+    KIND_USER_CONFIG,
     KIND_NO_CACHE,
     KIND_VERSION,
 };
@@ -64,6 +67,8 @@ static const struct config_option option_rows[] = {
      "read lines of the form \"name = value\", with the names above;\nlines that begin with # are comments; the "
      "command "
      "line wins"},
+    {"user-config", NULL, KIND_USER_CONFIG,
+     "without --config: read $XDG_CONFIG_HOME/bvhd/bvhd.conf, or\n~/.config/bvhd/bvhd.conf, if there is one"},
     {"no-cache", NULL, KIND_NO_CACHE, "keep nothing on disk, whatever the file says"},
     {"help", NULL, 'h', "print this help"},
     {"version", NULL, KIND_VERSION, "print the version"},
@@ -139,6 +144,9 @@ static enum bvhd_status apply(int kind, const char *where, const char *text, str
         return read_seconds(where, text, &config->service.slow_ms, error);
     case KIND_LEVEL:
         return read_level(where, text, &config->log_level, error);
+    case KIND_USER_CONFIG:
+        config->users_file = true;
+        return BVHD_OK;
     case KIND_CONFIG:
         return read_path(where, text, config->file, error);
     default:
@@ -237,17 +245,69 @@ static enum bvhd_status apply_lines(FILE *file, const char *path, struct config 
     return status;
 }
 
+static enum bvhd_status check_file(int descriptor, const char *path, struct bvhd_error *error)
+{
+    struct stat stat;
+    if (fstat(descriptor, &stat) != 0)
+        return bvhd_error_set(error, BVHD_IO, path, "opening: %s", strerror(errno));
+    if (!S_ISREG(stat.st_mode))
+        return bvhd_error_set(error, BVHD_IO, path, "not a regular file");
+    if (stat.st_size > CONFIG_MOST_FILE)
+        return bvhd_error_set(error, BVHD_IO, path, "%lld bytes, over %d", (long long)stat.st_size, CONFIG_MOST_FILE);
+    return BVHD_OK;
+}
+
+/* O_NONBLOCK keeps a pipe without a writer from stopping the open. */
+static enum bvhd_status open_file(const char *path, FILE **ret_file, struct bvhd_error *error)
+{
+    int descriptor = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
+    if (descriptor < 0)
+        return bvhd_error_set(error, BVHD_IO, path, "opening: %s", strerror(errno));
+    enum bvhd_status status = check_file(descriptor, path, error);
+    if (status == BVHD_OK && !(*ret_file = fdopen(descriptor, "r")))
+        status = bvhd_error_no_memory(error, path, "no memory to read it");
+    if (status != BVHD_OK)
+        close(descriptor);
+    return status;
+}
+
 enum bvhd_status config_read_file(const char *path, struct config *config, struct bvhd_error *error)
 {
-    FILE *file = fopen(path, "re");
-    if (!file)
-        return bvhd_error_set(error, BVHD_IO, path, "opening: %s", strerror(errno));
+    FILE *file = NULL;
+    enum bvhd_status status = open_file(path, &file, error);
+    if (status != BVHD_OK)
+        return status;
     struct config changed = *config;
-    enum bvhd_status status = apply_lines(file, path, &changed, error);
+    status = apply_lines(file, path, &changed, error);
     fclose(file);
     if (status == BVHD_OK)
         *config = changed;
     return status;
+}
+
+/* A variable that names no absolute path is passed over, by the XDG base directory specification. */
+static const char *absolute(const char *variable)
+{
+    const char *path = getenv(variable);
+    return path && *path == '/' ? path : NULL;
+}
+
+/* Fills in the user's own file, if that is wanted and there is one. Returns whether there is a file to read. */
+static bool find_file(struct config *config)
+{
+    config->users_file = config->users_file && !*config->file;
+    if (!config->users_file)
+        return *config->file;
+    const char *configs = absolute("XDG_CONFIG_HOME"), *home = absolute("HOME");
+    int length = snprintf(config->file, sizeof config->file, "%s%s/bvhd/bvhd.conf",
+                          configs ? configs
+                          : home  ? home
+                                  : "",
+                          configs ? "" : "/.config");
+    bool found = (configs || home) && length < CONFIG_PATH_SIZE && access(config->file, F_OK) == 0;
+    if (!found)
+        *config->file = '\0';
+    return found;
 }
 
 enum bvhd_status config_parse(int argc, char **argv, struct config *ret_config, struct bvhd_error *error)
@@ -255,13 +315,13 @@ enum bvhd_status config_parse(int argc, char **argv, struct config *ret_config, 
     struct config config;
     set_defaults(&config);
     enum bvhd_status status = apply_command_line(argc, argv, &config, error);
-    if (status == BVHD_OK && config.action == CONFIG_RUN && *config.file) {
-        char file[CONFIG_PATH_SIZE];
-        strcpy(file, config.file);
+    if (status == BVHD_OK && config.action == CONFIG_RUN && find_file(&config)) {
+        const struct config first = config;
         set_defaults(&config);
-        status = config_read_file(file, &config, error);
+        status = config_read_file(first.file, &config, error);
         if (status == BVHD_OK)
             status = apply_command_line(argc, argv, &config, error);
+        strcpy(config.file, first.file);
     }
     config.argc = argc;
     config.argv = argv;
@@ -314,6 +374,6 @@ void config_print_help(void)
     for (size_t i = 0; i < OPTION_ROWS; i++)
         print_option(&option_rows[i]);
     printf("\nSIGTERM and SIGINT let the daemon finish what is under way; a second signal ends it at once.\n"
-           "SIGHUP makes it read the file of --config again.\n"
+           "SIGHUP makes it read its file of options again.\n"
            "Exit status: 0 for an orderly end, 1 for a failure, 2 for wrong usage.\n");
 }

@@ -9,8 +9,8 @@
 #include "daemon/system/log.h"
 #include "daemon/service/service.h"
 
-/* CONFIG_LEAST_DISK: the fewest bytes of a cache on disk. */
-enum { CONFIG_PATH_SIZE = 4096, CONFIG_LEAST_DISK = 1 << 20 };
+/* CONFIG_LEAST_DISK: the fewest bytes of a cache on disk. CONFIG_MOST_FILE: the most bytes of a file of options. */
+enum { CONFIG_PATH_SIZE = 4096, CONFIG_LEAST_DISK = 1 << 20, CONFIG_MOST_FILE = 1 << 20 };
 
 /* The purpose of the command line: to run the daemon, or only to print its help or version. */
 enum config_action { CONFIG_RUN, CONFIG_HELP, CONFIG_VERSION };
@@ -21,7 +21,8 @@ struct config {
     enum config_action action;
     char socket[CONFIG_PATH_SIZE];
     bool socket_given; /* false: `socket` is the default */
-    char file[CONFIG_PATH_SIZE]; /* the file that --config names; "": none */
+    char file[CONFIG_PATH_SIZE]; /* the file that --config names, or the user's; "": none */
+    bool users_file; /* `file` is the user's own, by --user-config, and may be missing */
     char cache[CONFIG_PATH_SIZE]; /* the directory of the cache on disk; "": none */
     char metrics[CONFIG_PATH_SIZE]; /* the socket for monitoring; "": none */
     enum log_level log_level;
@@ -38,7 +39,10 @@ struct config {
  */
 enum bvhd_status config_parse(int argc, char **argv, struct config *ret_config, struct bvhd_error *error);
 
-/* Reads the command line of `old` again, and the file as it is now. The errors are those of config_parse. */
+/*
+ * Reads the command line of `old` again, and the file as it is now. The errors are those of config_parse. For any
+ * thread, but for one at a time.
+ */
 enum bvhd_status config_reload(const struct config *old, struct config *ret_config, struct bvhd_error *error);
 
 /*
@@ -47,7 +51,10 @@ enum bvhd_status config_reload(const struct config *old, struct config *ret_conf
  */
 const char *config_fixed_difference(const struct config *a, const struct config *b);
 
-/* Applies the lines of one file to `config`, which stays unchanged on failure. The errors are those of config_parse. */
+/*
+ * Applies the lines of one file to `config`, which stays unchanged on failure. The errors are those of config_parse.
+ * The file has to be a regular one: others may never end, or keep the reader waiting.
+ */
 enum bvhd_status config_read_file(const char *path, struct config *config, struct bvhd_error *error);
 
 /* Prints the options on stdout. */

@@ -7,6 +7,7 @@
 #include <string.h>
 #include <uv.h>
 
+#include "daemon/reload.h"
 #include "daemon/socket/accept.h"
 #include "daemon/service/metrics_text.h"
 #include "daemon/socket/listen.h"
@@ -27,6 +28,7 @@ struct server {
     struct acceptor acceptor;
     struct metrics metrics;
     struct watchdog watchdog;
+    struct reload reload;
     bool draining;
 };
 
@@ -76,31 +78,38 @@ static void on_signal(uv_signal_t *handle, int number)
 }
 
 /* Takes over the options that can change while the daemon runs. If any is wrong, nothing changes. */
-static void on_hang_up(uv_signal_t *handle, int number)
+static void on_reloaded(void *context, enum bvhd_status status, const struct config *fresh,
+                        const struct bvhd_error *error)
 {
-    struct server *server = handle->data;
-    static struct config fresh;
-    struct bvhd_error error;
-    (void)number;
+    struct server *server = context;
     if (server->draining)
         return;
-    if (config_reload(server->config, &fresh, &error) != BVHD_OK) {
-        log_event(LOG_ERROR, "reload_failed", "where=%s why=%s", log_quote(error.where).text,
-                  log_quote(error.text).text);
+    if (status != BVHD_OK) {
+        log_event(LOG_ERROR, "reload_failed", "where=%s why=%s", log_quote(error->where).text,
+                  log_quote(error->text).text);
         return;
     }
-    const char *fixed = config_fixed_difference(server->config, &fresh);
+    const char *fixed = config_fixed_difference(server->config, fresh);
     if (fixed)
         log_event(LOG_WARNING, "reload_incomplete", "option=%s why=%s", fixed,
                   log_quote("this option has its effect at the next start").text);
-    server->config->log_level = fresh.log_level;
-    server->config->idle_exit_ms = fresh.idle_exit_ms;
-    server->config->drain_ms = fresh.drain_ms;
-    log_set_level(fresh.log_level);
+    server->config->log_level = fresh->log_level;
+    server->config->idle_exit_ms = fresh->idle_exit_ms;
+    server->config->drain_ms = fresh->drain_ms;
+    log_set_level(fresh->log_level);
     uv_timer_stop(&server->idle); /* it starts again with the new time */
-    server->acceptor.max_connections = fresh.max_connections;
-    service_reconfigure(server->service, &fresh.service);
-    log_event(LOG_INFO, "reloaded", "file=%s", log_quote(*fresh.file ? fresh.file : "(none)").text);
+    server->acceptor.max_connections = fresh->max_connections;
+    service_reconfigure(server->service, &fresh->service);
+    log_event(LOG_INFO, "reloaded", "file=%s", log_quote(*fresh->file ? fresh->file : "(none)").text);
+}
+
+static void on_hang_up(uv_signal_t *handle, int number)
+{
+    struct server *server = handle->data;
+    struct bvhd_error error;
+    (void)number;
+    if (!server->draining && reload_begin(&server->reload, &error) != BVHD_OK)
+        on_reloaded(server, error.status, NULL, &error);
 }
 
 static void on_alive(uv_timer_t *timer)
@@ -176,7 +185,7 @@ static void init_handles(struct server *server)
 /* Opens the descriptors of the loop and the socket first, because the service counts those that are open. */
 static enum bvhd_status open_service(struct server *server, struct bvhd_error *error)
 {
-    if (uv_async_init(&server->loop, &server->collect, on_collect))
+    if (uv_async_init(&server->loop, &server->collect, on_collect) || !reload_init(&server->reload, &server->loop))
         return bvhd_error_set(error, BVHD_IO, "start", "the event loop cannot be woken");
     init_handles(server);
     uv_signal_start(&server->terminate, on_signal, SIGTERM);
@@ -269,6 +278,7 @@ static void finish(struct server *server)
         conn_group_close(&server->group);
         conn_group_finish(&server->group);
     }
+    reload_finish(&server->reload);
     metrics_close(&server->metrics);
     watchdog_finish(&server->watchdog);
     service_destroy(server->service);
@@ -282,7 +292,12 @@ static void finish(struct server *server)
 
 enum bvhd_status server_run(struct config *config, struct bvhd_error *error)
 {
-    struct server server = {.config = config, .listener.socket = -1};
+    static struct server server; /* large */
+    server = (struct server){
+        .config = config,
+        .listener.socket = -1,
+        .reload = {.config = config, .done = on_reloaded, .context = &server},
+    };
     int result = uv_loop_init(&server.loop);
     if (result)
         return bvhd_error_set(error, BVHD_IO, "start", "no event loop: %s", uv_strerror(result));

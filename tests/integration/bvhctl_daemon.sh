@@ -24,7 +24,7 @@ trap 'exit 1' HUP INT TERM
 cd "$scratch" || exit 1
 mkdir -m 700 run tmp
 unset BVHD_SOCKET NOTIFY_SOCKET
-export XDG_RUNTIME_DIR="$scratch/run" TMPDIR="$scratch/tmp"
+export XDG_RUNTIME_DIR="$scratch/run" TMPDIR="$scratch/tmp" XDG_CONFIG_HOME="$scratch/config"
 # within SECONDS COMMAND... - repeats the command until it succeeds; fails after that time.
 within()
 {

@@ -156,8 +156,29 @@ echo 'nonsense = 3' >conf
 kill -HUP "$daemon"
 eventually 'a wrong file is refused by its line' has 'event=reload_failed where="conf:1"' log
 expect 'it still answers' quietly "$helper" ping s
+rm conf
+mkfifo conf
+kill -HUP "$daemon"
+eventually 'a pipe stops nobody' has 'event=reload_failed where="conf" why="not a regular file"' log
+expect 'it answers all the same' quietly "$helper" ping s
 kill -TERM "$daemon"
 ended 0 'a file that is read again'
+refused 1 --socket s --config conf
+rm conf
+
+# A user's own file is read if it is there, and may come later.
+XDG_CONFIG_HOME=$scratch/config
+export XDG_CONFIG_HOME
+start --no-cache --user-config
+mkdir -p config/bvhd
+printf 'log-level = debug\n' >config/bvhd/bvhd.conf
+kill -HUP "$daemon"
+eventually 'the file that has come is read' has 'event=reloaded file=".*/config/bvhd/bvhd.conf"' log
+quietly "$helper" ping s
+eventually 'it holds' has 'level=debug event=connected' log
+kill -TERM "$daemon"
+ended 0 'the file of a user'
+rm -r config
 
 # The file of the socket.
 start

@@ -182,12 +182,12 @@ static char **make_environment(struct memory *memory)
 }
 
 /* AFTER_CACHE: the words that follow --cache. */
-enum { ARGUMENTS = 10, AFTER_CACHE = 6 };
+enum { ARGUMENTS = 11, AFTER_CACHE = 7 };
 
 /* The command line of a daemon, with the texts that it is made of. */
 struct command_line {
     char *words[ARGUMENTS];
-    char socket[16], idle[16], cache[16], size[32], bytes[32];
+    char file[16], socket[16], idle[16], cache[16], size[32], bytes[32];
     char directory[PATH_MAX];
 };
 
@@ -213,13 +213,14 @@ static void make_command_line(char *program, char *socket, const struct private_
 {
     struct command_line *line = ret_line;
     bool has_cache = cache->directory && make_absolute(cache->directory, line->directory);
+    strcpy(line->file, "--user-config");
     strcpy(line->socket, "--socket");
     strcpy(line->idle, "--idle-exit");
     strcpy(line->cache, has_cache ? "--cache" : "--no-cache");
     strcpy(line->size, "--disk-cache-size");
     snprintf(line->bytes, sizeof line->bytes, "%" PRIu64, cache->size);
-    char *const words[ARGUMENTS] = {program,     line->socket,    socket,     line->idle,  idle_seconds,
-                                    line->cache, line->directory, line->size, line->bytes, NULL};
+    char *const words[ARGUMENTS] = {program,     line->file,      line->socket, socket,      line->idle, idle_seconds,
+                                    line->cache, line->directory, line->size,   line->bytes, NULL};
     memcpy(line->words, words, sizeof words);
     if (!has_cache)
         line->words[AFTER_CACHE] = NULL;

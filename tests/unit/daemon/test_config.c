@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* test_config.c - tests the options of the daemon: command line, file, defaults, errors. */
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include "tests/support/unit.h"
@@ -214,11 +215,64 @@ static void test_broken_files(void **state)
     assert_int_equal(parse(&config, &error, "--config", far, NULL), BVHD_IO);
 }
 
+/* The user's own file is read if it is there and no other is named. */
+static void test_users_file(void **state)
+{
+    static struct config config;
+    struct bvhd_error error;
+    char folder[96], file[112], *home = getenv("HOME");
+    (void)state;
+    snprintf(folder, sizeof folder, "%s/bvhd", directory);
+    snprintf(file, sizeof file, "%s/bvhd.conf", folder);
+    setenv("XDG_CONFIG_HOME", directory, 1);
+    assert_int_equal(parse(&config, &error, "--user-config", NULL), BVHD_OK);
+    assert_string_equal(config.file, "");
+    write_file("max-connections = 5\n");
+    assert_int_equal(mkdir(folder, 0700), 0);
+    assert_int_equal(rename(path, file), 0);
+    assert_int_equal(parse(&config, &error, "--user-config", NULL), BVHD_OK);
+    assert_string_equal(config.file, file);
+    assert_int_equal(config.max_connections, 5);
+    assert_int_equal(parse(&config, &error, "--user-config", "--max-connections", "6", NULL), BVHD_OK);
+    assert_int_equal(config.max_connections, 6);
+    assert_int_equal(parse(&config, &error, NULL), BVHD_OK);
+    assert_int_equal(config.max_connections, 1024);
+    write_file("max-connections = 7\n");
+    assert_int_equal(parse(&config, &error, "--user-config", "--config", path, NULL), BVHD_OK);
+    assert_int_equal(config.max_connections, 7);
+    setenv("XDG_CONFIG_HOME", "relative", 1);
+    unsetenv("HOME");
+    assert_int_equal(parse(&config, &error, "--user-config", NULL), BVHD_OK);
+    assert_string_equal(config.file, "");
+    if (home)
+        setenv("HOME", home, 1);
+    unsetenv("XDG_CONFIG_HOME");
+    unlink(path);
+    unlink(file);
+    rmdir(folder);
+}
+
+/* A file that never ends, or for whose writer the reader would wait, is refused at once. */
+static void test_other_files(void **state)
+{
+    (void)state;
+    REFUSED(BVHD_IO, "/dev/zero", "--config", "/dev/zero");
+    unlink(path);
+    assert_int_equal(mkfifo(path, 0600), 0);
+    REFUSED(BVHD_IO, path, "--config", path);
+    unlink(path);
+    write_file("");
+    assert_int_equal(truncate(path, CONFIG_MOST_FILE + 1), 0);
+    REFUSED(BVHD_IO, path, "--config", path);
+    unlink(path);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_defaults), cmocka_unit_test(test_command_line), cmocka_unit_test(test_usage),
-        cmocka_unit_test(test_file),     cmocka_unit_test(test_broken_files),
+        cmocka_unit_test(test_defaults),    cmocka_unit_test(test_command_line), cmocka_unit_test(test_usage),
+        cmocka_unit_test(test_file),        cmocka_unit_test(test_broken_files), cmocka_unit_test(test_users_file),
+        cmocka_unit_test(test_other_files),
     };
     return cmocka_run_group_tests(tests, make_directory, remove_directory);
 }

@@ -1,0 +1,61 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "daemon/reload.h"
+
+#include <signal.h>
+#include <string.h>
+
+static void *read_again(void *argument)
+{
+    struct reload *reload = argument;
+    reload->status = config_reload(reload->config, &reload->fresh, &reload->error);
+    uv_async_send(&reload->ended);
+    return NULL;
+}
+
+/* Signals are blocked on the thread, so that the loop takes them. */
+static int start_thread(struct reload *reload)
+{
+    sigset_t all, before;
+    sigfillset(&all);
+    pthread_sigmask(SIG_SETMASK, &all, &before);
+    int number = pthread_create(&reload->thread, NULL, read_again, reload);
+    pthread_sigmask(SIG_SETMASK, &before, NULL);
+    return number;
+}
+
+enum bvhd_status reload_begin(struct reload *reload, struct bvhd_error *error)
+{
+    reload->again = reload->runs;
+    if (reload->runs)
+        return BVHD_OK;
+    int number = start_thread(reload);
+    if (number)
+        return bvhd_error_set(error, BVHD_IO, "reload", "no thread to read the options: %s", strerror(number));
+    reload->runs = true;
+    return BVHD_OK;
+}
+
+static void on_ended(uv_async_t *async)
+{
+    struct reload *reload = async->data;
+    if (!reload->runs)
+        return;
+    pthread_join(reload->thread, NULL);
+    reload->runs = false;
+    if (reload->again && reload_begin(reload, &reload->error) == BVHD_OK)
+        return;
+    reload->done(reload->context, reload->status, &reload->fresh, &reload->error);
+}
+
+bool reload_init(struct reload *reload, uv_loop_t *loop)
+{
+    reload->ended.data = reload;
+    return uv_async_init(loop, &reload->ended, on_ended) == 0;
+}
+
+void reload_finish(struct reload *reload)
+{
+    if (reload->runs)
+        pthread_join(reload->thread, NULL);
+    reload->runs = false;
+}
