@@ -5,6 +5,7 @@
 #include "builder/summary.h"
 #include "daemon/service/disk_writer.h"
 #include "proto/base/container_of.h"
+#include "proto/wire/control.h"
 
 struct disk {
     struct store *store;
@@ -28,6 +29,16 @@ static void give_descriptors(struct blob_account *account)
     descriptors_give(account->descriptors, STORE_DESCRIPTORS);
 }
 
+/* The directory is told to clients whole, or not used. */
+static enum bvhd_status check_length(const struct disk *disk, struct bvhd_error *error)
+{
+    size_t length = strlen(store_directory(disk->store));
+    if (length < CONTROL_PATH_SIZE)
+        return BVHD_OK;
+    return bvhd_error_set(error, BVHD_TOO_LARGE, "cache", "its absolute path has %zu bytes, over %d", length,
+                          CONTROL_PATH_SIZE - 1);
+}
+
 enum bvhd_status disk_open(const struct disk_options *options, struct blob_account *account, struct disk **ret_disk,
                            struct bvhd_error *error)
 {
@@ -47,6 +58,8 @@ enum bvhd_status disk_open(const struct disk_options *options, struct blob_accou
         .cancel = &disk->closing,
     };
     enum bvhd_status status = store_open(&store, account->memory, &disk->store, error);
+    if (status == BVHD_OK)
+        status = check_length(disk, error);
     if (status == BVHD_OK)
         status = disk_writer_create(disk->store, options->queue, account->memory, &disk->writer, error);
     if (status == BVHD_OK)

@@ -20,7 +20,8 @@ struct disk_options {
 struct disk;
 
 /*
- * Opens the directory, which is made if it is missing, and starts the thread. The errors are those of store_open, and
+ * Opens the directory, which is made if it is missing, and starts the thread. The errors are those of store_open,
+ * BVHD_TOO_LARGE for a directory whose absolute path is longer than CACHE_STATE can say (CONTROL_PATH_SIZE), and
  * BVHD_IO when the system starts no thread, BVHD_BUSY without free descriptors. The results that are read count in
  * `account`, which must outlive the disk.
  */

@@ -501,6 +501,36 @@ static void every_allocation_may_fail(void **state)
     assert_int_equal(memory.live, 0);
 }
 
+/* A directory is told to clients whole, so one that is too long for that is refused by its length. */
+static void a_directory_that_cannot_be_told_is_refused(void **state)
+{
+    (void)state;
+    struct memory memory;
+    struct blob_account account;
+    struct disk *disk = NULL;
+    struct bvhd_error error;
+    char path[CONTROL_PATH_SIZE + 1];
+    size_t length = (size_t)snprintf(path, sizeof path, "%s", directory);
+    memory_init(&memory, UINT64_MAX);
+    blob_account_init(&account, &memory, &world.service->descriptors);
+    for (; length < CONTROL_PATH_SIZE; length++)
+        path[length] = length % 200 == 0 || length == sizeof directory ? '/' : 'd';
+    path[CONTROL_PATH_SIZE] = 0;
+    path[CONTROL_PATH_SIZE - 1] = 'e';
+    for (char *slash = path + 1; (slash = strchr(slash, '/')); *slash++ = '/') {
+        *slash = 0;
+        mkdir(path, 0700);
+    }
+    const struct disk_options own = {path, 64 << 20, 1 << 20};
+    assert_int_equal(disk_open(&own, &account, &disk, &error), BVHD_TOO_LARGE);
+    assert_string_equal(error.where, "cache");
+    path[CONTROL_PATH_SIZE - 1] = 0;
+    assert_int_equal(disk_open(&own, &account, &disk, &error), BVHD_OK);
+    assert_int_equal(strlen(disk_directory(disk)), CONTROL_PATH_SIZE - 1);
+    disk_close(disk);
+    assert_int_equal(memory.live, 0);
+}
+
 /* By default, results take at most a quarter of the memory that the process may use. */
 static void the_cache_in_memory_follows_the_machine(void **state)
 {
@@ -515,6 +545,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         TEST(results_outlive_the_service),
+        TEST(a_directory_that_cannot_be_told_is_refused),
         TEST(counters_say_what_is_there),
         TEST(get_finds_what_is_on_disk),
         TEST(who_joins_a_lookup_is_answered_by_it),
