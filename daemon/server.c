@@ -305,7 +305,7 @@ enum bvhd_status server_run(struct config *config, struct bvhd_error *error)
     enum bvhd_status status = start(&server, error);
     if (status == BVHD_OK) {
         struct turns turns;
-        turns_begin(&turns, 0);
+        turns_begin(&turns, TURNS_LOOP_NS, 0);
         announce(&server);
         uv_run(&server.loop, UV_RUN_DEFAULT);
         notify_stopping("leaving");

@@ -57,7 +57,6 @@ void pool_calls_help(struct pool *pool, struct pool_call *call, uint64_t now)
     enter(call);
     do {
         pool_unlock(pool);
-        pool_threads_set_turns(call->run->job);
         run_round(call, now + ROUND_NS);
         pool_lock(pool);
         now = clock_ns();

@@ -165,9 +165,6 @@ void pool_threads_stop(struct pool *pool);
 /* Returns the calling thread if it belongs to a pool, else NULL. Called with or without the lock. */
 struct pool_thread *pool_threads_self(void);
 
-/* The calling thread, one of the pool's, is about to work for the job. Called without the lock. */
-void pool_threads_set_turns(const struct pool_job *job);
-
 /* Arranges that a thread that was just taken off a list of sleepers is posted by pool_unlock. */
 void pool_threads_wake(struct pool *pool, struct pool_thread *thread);
 

@@ -12,11 +12,6 @@ struct pool_thread *pool_threads_self(void)
     return self_thread;
 }
 
-void pool_threads_set_turns(const struct pool_job *job)
-{
-    turns_set(&self_thread->turns, job->size < POOL_SPARE_LEAST);
-}
-
 void pool_threads_wake(struct pool *pool, struct pool_thread *thread)
 {
     thread->next = pool->to_wake;
@@ -141,8 +136,9 @@ static void run_job(struct pool *pool, struct pool_job *job, uint64_t now)
     begin(pool, &run, now);
     pool_unlock(pool);
 
-    pool_threads_set_turns(job);
+    turns_set(&self_thread->turns, job->size < POOL_SPARE_LEAST);
     job->run(job, &run.parallel);
+    turns_set(&self_thread->turns, true);
 
     pool_lock(pool);
     job->ended_ns = clock_ns();
@@ -177,8 +173,6 @@ static void wait_for_work(struct pool *pool, struct pool_thread *self)
     pool_unlock(pool);
     for (int i = 0; i < POOL_SPIN_ROUNDS && atomic_load_explicit(&pool->posted, memory_order_relaxed) == seen; i++)
         processor_relax();
-    if (atomic_load_explicit(&pool->posted, memory_order_relaxed) == seen)
-        turns_set(&self->turns, true); /* it is about to sleep, and should wake up soon */
     pool_lock(pool);
     pool->spinning--;
     if (pool->called_spinning > 0) {
@@ -197,7 +191,7 @@ static void *work_until_stopped(void *argument)
     struct pool_thread *self = argument;
     struct pool *pool = self->pool;
     self_thread = self;
-    turns_begin(&self->turns, TURNS_LESS_WEIGHT);
+    turns_begin(&self->turns, TURNS_SHORT_NS, TURNS_LESS_WEIGHT);
     pool_lock(pool);
     while (!pool->stop) {
         uint64_t now = clock_ns();

@@ -5,7 +5,7 @@
 #include <sys/syscall.h>
 #include <unistd.h>
 
-enum { SHORT_NS = 100 * 1000, MOST_NICE = 19 };
+enum { MOST_NICE = 19 };
 
 /* The kernel's struct sched_attr in its first version; glibc has it from 2.41 on. */
 struct attributes {
@@ -22,15 +22,15 @@ static bool apply(const struct turns *turns)
         .size = sizeof attributes,
         .policy = turns->policy,
         .nice = turns->nice,
-        .runtime = turns->are_short ? SHORT_NS : 0,
+        .runtime = turns->are_short ? turns->short_ns : 0,
     };
     return syscall(SYS_sched_setattr, 0, &attributes, 0) == 0;
 }
 
-void turns_begin(struct turns *turns, int less_weight)
+void turns_begin(struct turns *turns, uint64_t short_ns, int less_weight)
 {
     struct attributes attributes = {.size = sizeof attributes};
-    *turns = (struct turns){.are_short = true};
+    *turns = (struct turns){.short_ns = short_ns, .are_short = true};
     if (syscall(SYS_sched_getattr, 0, &attributes, sizeof attributes, 0) != 0 ||
         (attributes.policy != SCHED_OTHER && attributes.policy != SCHED_BATCH))
         return;

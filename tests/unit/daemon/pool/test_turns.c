@@ -28,7 +28,7 @@ static void test_turns_change_and_weight_stays(void **state)
     struct turns turns;
     int most = now().nice + TURNS_LESS_WEIGHT;
     (void)state;
-    turns_begin(&turns, TURNS_LESS_WEIGHT);
+    turns_begin(&turns, TURNS_SHORT_NS, TURNS_LESS_WEIGHT);
     if (!turns.are_known)
         skip(); /* the system refuses */
     assert_true(turns.are_short);
@@ -48,7 +48,7 @@ static void test_other_policies_are_left(void **state)
     struct sched_param none = {0};
     (void)state;
     assert_int_equal(sched_setscheduler(0, SCHED_IDLE, &none), 0);
-    turns_begin(&turns, TURNS_LESS_WEIGHT);
+    turns_begin(&turns, TURNS_SHORT_NS, TURNS_LESS_WEIGHT);
     assert_false(turns.are_known);
     turns_set(&turns, false);
     assert_int_equal(now().policy, SCHED_IDLE);
