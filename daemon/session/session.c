@@ -264,12 +264,26 @@ void session_sent(struct session *session, const struct reply *reply)
     session->progress_unsent -= reply->header.type == FRAME_PROGRESS;
 }
 
-void session_goodbye(struct session *session)
+void session_goodbye(struct session *session, const struct bvhd_error *reason)
 {
     if (!session->open || session->goodbye)
         return;
     session->goodbye = true;
-    session_send_plain(session, FRAME_GOODBYE, 0);
+    struct reply *reply = reply_error(0, reason, session_memory(session));
+    if (reply)
+        reply->header.type = FRAME_GOODBYE;
+    session_send(session, reply);
+}
+
+bool session_is_idle(const struct session *session)
+{
+    return session->open && session->request_count == 0 && !session->cache_task &&
+           session_uses(session, SHARE_RESULTS) == 0;
+}
+
+uint32_t session_siblings(const struct session *session)
+{
+    return session->client.member.user->members;
 }
 
 bool session_is_open(const struct session *session)

@@ -72,8 +72,17 @@ bool session_is_behind(const struct session *session);
  */
 void session_report_progress(struct session *session, uint64_t now_ms);
 
-/* Sends GOODBYE, once, because the daemon drains. */
-void session_goodbye(struct session *session);
+/* Sends GOODBYE, once, with the reason: the daemon drains, or has no room for a client that asks for nothing. */
+void session_goodbye(struct session *session, const struct bvhd_error *reason);
+
+/*
+ * Returns whether the client would lose nothing with its connection: nothing is under way for it, and it holds no
+ * results.
+ */
+bool session_is_idle(const struct session *session);
+
+/* Returns how many sessions the client's user has. */
+uint32_t session_siblings(const struct session *session);
 
 /* Returns whether HELLO was answered with WELCOME. */
 bool session_is_open(const struct session *session);

@@ -74,6 +74,26 @@ static void send_refusal(struct acceptor *acceptor, int socket, const struct bvh
     reply_destroy(reply);
 }
 
+static bool is_nearly(uint32_t used, uint32_t most)
+{
+    return used >= most - most / 8;
+}
+
+/*
+ * When room gets short, above seven eighths of a limit, an idle client leaves for each one that comes: one of the same
+ * user if it is short of what a user may have, else one of the user with the most connections.
+ */
+static void make_room(const struct acceptor *acceptor, const struct session_peer *peer)
+{
+    struct conn_group *group = acceptor->group;
+    const struct descriptors *descriptors = service_descriptors(group->service);
+    uint32_t most = acceptor->max_connections, left = descriptors_left(descriptors);
+    if (is_nearly(conn_group_count_uid(group, peer->uid), most - most / 4))
+        conn_group_dismiss_idle(group, peer->uid);
+    else if (is_nearly(group->count, most) || left < descriptors->limit / 8)
+        conn_group_dismiss_idle(group, CONN_ANY_USER);
+}
+
 static enum bvhd_status check_room(const struct acceptor *acceptor, const struct session_peer *peer,
                                    struct bvhd_error *error)
 {
@@ -96,8 +116,10 @@ static void take_client(struct acceptor *acceptor, int socket)
     struct bvhd_error error;
     uint32_t suppressed;
     enum bvhd_status status = find_peer(acceptor, socket, &peer, &error);
-    if (status == BVHD_OK)
+    if (status == BVHD_OK) {
+        make_room(acceptor, &peer);
         status = check_room(acceptor, &peer, &error);
+    }
     if (status == BVHD_OK) {
         if (conn_open(acceptor->group, socket, &peer, &error) == BVHD_OK)
             return;

@@ -125,7 +125,7 @@ static void fail(struct conn *conn, const struct bvhd_error *error)
     conn->state = CONN_ENDING;
     conn->readable = true;
     conn->reading_waits = conn->reading_full = conn->failed = false;
-    conn->hello_by = conn->read_by = conn->frame_by = 0;
+    conn->hello_by = conn->read_by = conn->frame_by = conn->leave_by = 0;
     conn->end_by = now_of(conn) + conn->group->limits.linger_ms;
 }
 
@@ -224,8 +224,10 @@ static void read_frames(struct conn *conn)
     if (waits_for_client && (!conn->frame_by || begin != conn->frame_begin))
         conn->frame_by = now + limits->frame_ms;
     conn->frame_begin = begin;
-    if (progress)
+    if (progress) {
         conn->pause_ms = 0;
+        conn->active_at = now;
+    }
 }
 
 /* Whether the client keeps others of its user waiting by results that were sent and not read. */
@@ -247,8 +249,10 @@ static void write_replies(struct conn *conn)
         conn->write_by = 0;
     else if (progress || !conn->write_by)
         conn->write_by = now_of(conn) + conn->group->limits.stall_ms;
-    if (progress)
+    if (progress) {
         conn->pause_ms = 0;
+        conn->active_at = now_of(conn);
+    }
     if (conn->reading_full && !is_queue_full(conn))
         conn_group_later(conn->group, conn);
     if (state == OUTBOX_EMPTY && conn->state == CONN_ENDING && !conn->write_shut)
@@ -258,6 +262,13 @@ static void write_replies(struct conn *conn)
 static bool has_passed(const struct conn *conn, uint64_t deadline)
 {
     return deadline && now_of(conn) >= deadline;
+}
+
+static bool is_idle(const struct conn *conn)
+{
+    uint64_t begin;
+    return conn->state == CONN_OPEN && !conn->failed && session_is_idle(conn->session) && !conn->outbox.first &&
+           conn->outbox.unread == 0 && !inlet_is_mid_frame(&conn->inlet, &begin);
 }
 
 static void check_deadlines(struct conn *conn)
@@ -274,6 +285,10 @@ static void check_deadlines(struct conn *conn)
             log_event(LOG_INFO, "client_stalled", PEER_FORMAT " replies=%u suppressed=%u", PEER_VALUES(&conn->peer),
                       conn->outbox.replies, suppressed);
         conn->lost = true;
+    }
+    if (has_passed(conn, conn->leave_by)) {
+        conn->lost |= is_idle(conn);
+        conn->leave_by = now_of(conn) + conn->group->limits.linger_ms;
     }
     conn->lost |= has_passed(conn, conn->end_by);
 }
@@ -299,8 +314,8 @@ static void set_timer(struct conn *conn)
         conn->pause_ms = doubled < longest ? doubled : longest;
         conn->retry_at = now_of(conn) + conn->pause_ms;
     }
-    const uint64_t deadlines[] = {conn->hello_by, conn->read_by, conn->frame_by,
-                                  conn->write_by, conn->end_by,  conn->retry_at};
+    const uint64_t deadlines[] = {conn->hello_by, conn->read_by, conn->frame_by, conn->write_by,
+                                  conn->leave_by, conn->end_by,  conn->retry_at};
     uint64_t next = 0, now = now_of(conn);
     for (size_t i = 0; i < sizeof deadlines / sizeof *deadlines; i++)
         if (deadlines[i] && (!next || deadlines[i] < next))
@@ -343,10 +358,24 @@ void conn_work(struct conn *conn)
     set_timer(conn);
 }
 
-void conn_goodbye(struct conn *conn)
+uint64_t conn_idle_since(const struct conn *conn)
+{
+    return is_idle(conn) && !conn->leave_by && !conn->readable ? conn->active_at : UINT64_MAX;
+}
+
+void conn_dismiss(struct conn *conn)
+{
+    struct bvhd_error reason;
+    bvhd_error_set(&reason, BVHD_BUSY, "connection",
+                   "there is no room for clients that ask for nothing; connect again with the next request");
+    conn->leave_by = now_of(conn) + conn->group->limits.linger_ms;
+    conn_goodbye(conn, &reason);
+}
+
+void conn_goodbye(struct conn *conn, const struct bvhd_error *reason)
 {
     if (conn->session && session_is_open(conn->session))
-        session_goodbye(conn->session);
+        session_goodbye(conn->session, reason);
     else if (conn->state == CONN_OPEN)
         conn->lost = true;
     conn_group_due(conn->group, conn);
@@ -366,6 +395,7 @@ static void init(struct conn *conn, int socket)
     uv_timer_init(conn->group->loop, &conn->timer);
     conn->poll.data = conn->timer.data = conn;
     conn->handles = 2;
+    conn->active_at = now_of(conn);
     conn->hello_by = now_of(conn) + conn->group->limits.hello_ms;
     conn_group_add(conn->group, conn);
     conn_group_due(conn->group, conn);

@@ -54,9 +54,10 @@ struct conn {
     /* the loop reported the socket as writable, but a flush made no progress: only the timer leads to the next flush */
     bool hint_failed;
     struct bvhd_error failure;
+    uint64_t active_at; /* uv_now() when something was last read or written */
     uint32_t pause_ms; /* before the next retry; doubles with each */
     /* deadlines in milliseconds of uv_now(); 0: none */
-    uint64_t hello_by, read_by, frame_by, write_by, end_by, retry_at;
+    uint64_t hello_by, read_by, frame_by, write_by, leave_by, end_by, retry_at;
     uint64_t frame_begin; /* what frame_by is for: where the unfinished frame begins in the client's stream */
 };
 
@@ -74,7 +75,19 @@ enum bvhd_status conn_open(struct conn_group *group, int socket, const struct se
 void conn_work(struct conn *conn);
 
 /* The daemon drains: the client gets GOODBYE if it has said HELLO, else the connection is closed. */
-void conn_goodbye(struct conn *conn);
+void conn_goodbye(struct conn *conn, const struct bvhd_error *reason);
+
+/*
+ * Returns since when the client has asked for nothing and holds nothing, as a time of uv_now(); UINT64_MAX if that is
+ * not so, or if it has been told to leave.
+ */
+uint64_t conn_idle_since(const struct conn *conn);
+
+/*
+ * An idle client gets GOODBYE, because there is no room for it, and conn_limits.linger_ms to leave by itself. Requests
+ * that it has sent until then are still answered.
+ */
+void conn_dismiss(struct conn *conn);
 
 /* Returns whether all replies have been written. */
 bool conn_is_flushed(const struct conn *conn);

@@ -14,6 +14,7 @@ struct conn_limits conn_limits_default(void)
         .frame_ms = 300000,
         .linger_ms = 1000,
         .held_ms = 1000,
+        .idle_ms = 1000,
         .retry_ms = 50,
         .share_bytes = 512 * 1024,
         .share_frames = 64,
@@ -148,11 +149,41 @@ uint32_t conn_group_count_uid(const struct conn_group *group, uint32_t uid)
     return count;
 }
 
+/* The order in which idle clients have to leave. */
+static bool leaves_before(const struct conn *conn, const struct conn *other)
+{
+    uint32_t count = session_siblings(conn->session), others = other ? session_siblings(other->session) : 0;
+    return !other || count > others || (count == others && conn_idle_since(conn) <= conn_idle_since(other));
+}
+
+bool conn_group_dismiss_idle(struct conn_group *group, uint32_t uid)
+{
+    struct conn *first = NULL;
+    uint64_t now = uv_now(group->loop);
+    for (struct list_link *link = group->all.first; link; link = link->next) {
+        struct conn *conn = member(link);
+        uint64_t since = conn_idle_since(conn);
+        if (since != UINT64_MAX && now - since >= group->limits.idle_ms &&
+            (uid == CONN_ANY_USER || conn->peer.uid == uid) && leaves_before(conn, first))
+            first = conn;
+    }
+    if (!first)
+        return false;
+    uint32_t suppressed;
+    if (log_limit_pass(&group->idle_log, &suppressed))
+        log_event(LOG_INFO, "idle_dismissed", PEER_FORMAT " idle_ms=%llu suppressed=%u", PEER_VALUES(&first->peer),
+                  (unsigned long long)(now - conn_idle_since(first)), suppressed);
+    conn_dismiss(first);
+    return true;
+}
+
 void conn_group_goodbye(struct conn_group *group)
 {
+    struct bvhd_error reason;
+    bvhd_error_set(&reason, BVHD_UNAVAILABLE, "connection", "the daemon is about to end");
     for (struct list_link *link = group->all.first, *next; link; link = next) {
         next = link->next;
-        conn_goodbye(member(link));
+        conn_goodbye(member(link), &reason);
     }
 }
 

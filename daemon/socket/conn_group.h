@@ -28,6 +28,7 @@ struct conn_limits {
     uint32_t linger_ms; /* how long a client has to read an error */
     /* the longest pause between two checks whether a client has read its descriptors, or, once dropped, closed them */
     uint32_t held_ms;
+    uint32_t idle_ms; /* how long a client has asked for nothing before it may be told to make room */
     uint32_t retry_ms; /* the longest pause before descriptors or memory are requested again */
     uint32_t share_bytes, share_frames; /* that are taken from one connection in one iteration of the loop */
     uint32_t share_us; /* time in an iteration after which a connection's next frame is put off */
@@ -53,7 +54,7 @@ struct conn_group {
     struct list due; /* for this iteration */
     struct list costly; /* for this iteration after `due`, and the next ones, as time allows */
     struct list later; /* for the next iteration */
-    struct log_limit broken_log, stalled_log; /* for log lines about clients that are dropped */
+    struct log_limit broken_log, stalled_log, idle_log; /* for log lines about clients that are dropped */
 };
 
 /* Starts the group, without connections. `loop` and `service` must outlive it. */
@@ -65,6 +66,14 @@ void conn_group_finish(struct conn_group *group);
 
 /* Returns how many connections the user with this uid has. */
 uint32_t conn_group_count_uid(const struct conn_group *group, uint32_t uid);
+
+/*
+ * Room is short: tells the client to leave (conn_dismiss) that has been idle longest among those of the user with the
+ * most connections that has an idle one, or of the one user `uid`. Clients that have been idle for less than
+ * conn_limits.idle_ms stay. Returns whether there was one.
+ */
+enum { CONN_ANY_USER = UINT32_MAX };
+bool conn_group_dismiss_idle(struct conn_group *group, uint32_t uid);
 
 /* The daemon drains: each client that has said HELLO gets GOODBYE; the connections of others are closed. */
 void conn_group_goodbye(struct conn_group *group);

@@ -16,7 +16,7 @@
 #include "tests/support/daemon/fake_session.h"
 #include "tests/support/proto/frames.h"
 
-enum { BED_CLIENTS = 4 };
+enum { BED_CLIENTS = 10 };
 
 struct bed_client {
     int socket; /* non-blocking */

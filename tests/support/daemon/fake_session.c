@@ -189,8 +189,19 @@ bool session_is_behind(const struct session *session)
     return session->service->is_behind;
 }
 
-void session_goodbye(struct session *session)
+bool session_is_idle(const struct session *session)
 {
+    return session->open && !session->service->is_behind;
+}
+
+uint32_t session_siblings(const struct session *session)
+{
+    return session->share->holders;
+}
+
+void session_goodbye(struct session *session, const struct bvhd_error *reason)
+{
+    (void)reason;
     answer(session, FRAME_GOODBYE, 0, NULL);
 }
 

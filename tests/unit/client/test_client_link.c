@@ -202,6 +202,29 @@ static void test_goodbye(void **state)
     assert_true(bed_stop(&bed));
 }
 
+/* A daemon that has no room ends an idle connection; the program's next call does not notice it. */
+static void test_dismissed_while_idle(void **state)
+{
+    (void)state;
+    struct client_bed bed;
+    struct frame frame;
+    bed_start_impatient(&bed);
+    assert_true(bed_connect(&bed));
+    fake_send(&bed.fake, FRAME_GOODBYE, 0, nothing);
+    raw_close(&bed.fake.peer);
+    struct bvhd_batch *batch = bed_submit(&bed, 1, 1);
+    assert_true(fake_accept(&bed.fake, NULL));
+    assert_true(fake_expect(&bed.fake, FRAME_HELLO, &frame));
+    fake_send_welcome(&bed.fake);
+    bvhd_client_dispatch(bed.client);
+    assert_true(fake_expect(&bed.fake, FRAME_BUILD, &frame));
+    fake_send_prepared(&bed.fake, frame.header.request, 0, 1);
+    fake_send_result(&bed.fake, frame.header.request, 0, 20);
+    assert_int_equal(bed_outcome(batch), BVHD_OK);
+    bvhd_batch_destroy(batch);
+    assert_true(bed_stop(&bed));
+}
+
 /* Makes the fake daemon speak on another connection. */
 static void swap_peer(struct client_bed *bed, struct raw_client *other)
 {
@@ -286,6 +309,7 @@ int main(void)
         cmocka_unit_test(test_silence),
         cmocka_unit_test(test_absent_program),
         cmocka_unit_test(test_goodbye),
+        cmocka_unit_test(test_dismissed_while_idle),
         cmocka_unit_test(test_goodbye_again),
         cmocka_unit_test(test_calls_after_restart),
         cmocka_unit_test(test_goodbye_without_pool),

@@ -240,13 +240,18 @@ static void test_stats_name_every_counter(void **state)
 
 static void test_goodbye_is_said_once(void **state)
 {
+    struct bvhd_error reason;
     (void)state;
+    bvhd_error_set(&reason, BVHD_UNAVAILABLE, "", "told to leave");
     struct world_client *client = world_join(&world), *silent = world_join_silent(&world);
-    session_goodbye(client->session);
-    session_goodbye(client->session);
-    session_goodbye(silent->session);
+    session_goodbye(client->session, &reason);
+    session_goodbye(client->session, &reason);
+    session_goodbye(silent->session, &reason);
     assert_non_null(world_find(client, FRAME_GOODBYE, 0, 0));
     assert_null(world_find(client, FRAME_GOODBYE, 0, 1));
+    assert_true(session_is_idle(client->session));
+    assert_false(session_is_idle(silent->session));
+    assert_int_equal(session_siblings(client->session), 2);
     assert_int_equal(silent->event_count, 0);
 }
 

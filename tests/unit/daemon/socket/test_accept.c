@@ -95,6 +95,64 @@ static void test_full(void **state)
     accept_test_close(&test);
 }
 
+/* Above seven eighths of what one user may have, the client that has been idle longest leaves for each that comes. */
+static void test_idle_clients_make_room(void **state)
+{
+    struct accept_test test;
+    struct bed_client *clients[9];
+    struct frame frame;
+    (void)state;
+    accept_test_open(&test, 12); /* one user may have 9 of them, and room is short with 8 */
+    test.bed.group.limits.idle_ms = 20;
+    test.bed.group.limits.linger_ms = 200;
+    for (int i = 0; i < 8; i++) {
+        clients[i] = connect_client(&test);
+        bed_hello(&test.bed, clients[i]);
+        bed_pump(&test.bed, 2);
+    }
+    bed_pump(&test.bed, 30);
+    bed_send(clients[0], FRAME_PING, 1);
+    bed_expect(&test.bed, clients[0], FRAME_PONG, 1);
+    clients[8] = connect_client(&test);
+    bed_hello(&test.bed, clients[8]);
+    bed_expect(&test.bed, clients[1], FRAME_GOODBYE, 0);
+    bed_send(clients[1], FRAME_PING, 2); /* sent before the client has read it */
+    bed_expect(&test.bed, clients[1], FRAME_PONG, 2);
+    assert_false(bed_receive(&test.bed, clients[1], &frame));
+    assert_true(clients[1]->eof);
+    bed_pump(&test.bed, 0);
+    assert_int_equal(test.bed.group.count, 8);
+    for (int i = 0; i < 9; i++)
+        if (i != 1) {
+            bed_send(clients[i], FRAME_PING, 3);
+            bed_expect(&test.bed, clients[i], FRAME_PONG, 3);
+        }
+    accept_test_close(&test);
+}
+
+/* A client that waits for something or holds something stays, and the newcomer is refused. */
+static void test_busy_clients_stay(void **state)
+{
+    struct accept_test test;
+    struct bed_client *clients[3];
+    (void)state;
+    accept_test_open(&test, 4);
+    test.bed.group.limits.idle_ms = 20;
+    for (int i = 0; i < 3; i++) {
+        clients[i] = connect_client(&test);
+        bed_hello(&test.bed, clients[i]);
+    }
+    test.bed.service.is_behind = true; /* the fake sessions hold results */
+    bed_pump(&test.bed, 30);
+    struct bed_client *fourth = connect_client(&test);
+    bed_expect_error(&test.bed, fourth, BVHD_BUSY);
+    for (int i = 0; i < 3; i++) {
+        bed_send(clients[i], FRAME_PING, 1);
+        bed_expect(&test.bed, clients[i], FRAME_PONG, 1);
+    }
+    accept_test_close(&test);
+}
+
 static void test_share_of_a_user(void **state)
 {
     struct accept_test test;
@@ -158,7 +216,8 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_clients_come_and_go), cmocka_unit_test(test_full),
-        cmocka_unit_test(test_share_of_a_user),     cmocka_unit_test(test_no_descriptors),
+        cmocka_unit_test(test_share_of_a_user),     cmocka_unit_test(test_idle_clients_make_room),
+        cmocka_unit_test(test_busy_clients_stay),   cmocka_unit_test(test_no_descriptors),
         cmocka_unit_test(test_session_refused),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
