@@ -219,8 +219,8 @@ static void make_command_line(char *program, char *socket, const struct private_
     strcpy(line->cache, has_cache ? "--cache" : "--no-cache");
     strcpy(line->size, "--disk-cache-size");
     snprintf(line->bytes, sizeof line->bytes, "%" PRIu64, cache->size);
-    char *const words[ARGUMENTS] = {program,     line->file,      line->socket, socket,      line->idle, idle_seconds,
-                                    line->cache, line->directory, line->size,   line->bytes, NULL};
+    char *const words[ARGUMENTS] = {program,     line->socket,    socket,     line->idle,  idle_seconds, line->file,
+                                    line->cache, line->directory, line->size, line->bytes, NULL};
     memcpy(line->words, words, sizeof words);
     if (!has_cache)
         line->words[AFTER_CACHE] = NULL;
