@@ -12,16 +12,20 @@
 #include "daemon/service/metrics_text.h"
 #include "daemon/socket/listen.h"
 #include "daemon/socket/metrics.h"
+#include "daemon/system/heap.h"
 #include "daemon/system/notify.h"
 #include "daemon/pool/turns.h"
 #include "daemon/pool/watchdog.h"
+
+/* Between two trims of the heaps while there are requests; the threads that have heaps beside the workers. */
+enum { TRIM_MS = 2000, OTHER_THREADS = 4 };
 
 struct server {
     struct config *config;
     uv_loop_t loop;
     uv_async_t collect;
     uv_signal_t terminate, interrupt, hang_up;
-    uv_timer_t alive, idle, drain;
+    uv_timer_t alive, idle, drain, trim;
     struct listener listener;
     struct service *service;
     struct conn_group group;
@@ -140,9 +144,25 @@ static void watch_idleness(struct server *server)
         uv_timer_start(&server->idle, on_idle, server->config->idle_exit_ms, 0);
 }
 
+/* The timer stops with the last request, so that an idle daemon sleeps. */
+static void on_trim(uv_timer_t *timer)
+{
+    struct server *server = timer->data;
+    heap_trim();
+    if (service_pending(server->service) == 0)
+        uv_timer_stop(timer);
+}
+
+static void watch_heap(struct server *server)
+{
+    if (service_pending(server->service) > 0 && !uv_is_active((uv_handle_t *)&server->trim))
+        uv_timer_start(&server->trim, on_trim, TRIM_MS, TRIM_MS);
+}
+
 static void on_group_changed(void *context)
 {
     struct server *server = context;
+    watch_heap(server);
     if (server->draining && service_pending(server->service) == 0 && conn_group_is_flushed(&server->group))
         uv_stop(&server->loop);
     if (!server->draining && server->config->idle_exit_ms)
@@ -178,8 +198,9 @@ static void init_handles(struct server *server)
     uv_timer_init(loop, &server->alive);
     uv_timer_init(loop, &server->idle);
     uv_timer_init(loop, &server->drain);
+    uv_timer_init(loop, &server->trim);
     server->collect.data = server->terminate.data = server->interrupt.data = server->hang_up.data = server;
-    server->alive.data = server->idle.data = server->drain.data = server;
+    server->alive.data = server->idle.data = server->drain.data = server->trim.data = server;
 }
 
 /* Opens the descriptors of the loop and the socket first, because the service counts those that are open. */
@@ -196,6 +217,8 @@ static enum bvhd_status open_service(struct server *server, struct bvhd_error *e
     enum bvhd_status status = open_socket(server, error);
     if (status == BVHD_OK)
         status = service_create(&options, wake_loop, server, &server->service, error);
+    if (status == BVHD_OK)
+        heap_limit(service_memory_limit(server->service), pool_threads(service_pool(server->service)) + OTHER_THREADS);
     return status;
 }
 

@@ -257,6 +257,11 @@ uint32_t service_pending(const struct service *service)
     return (uint32_t)service_uses(service, SHARE_ITEMS);
 }
 
+uint64_t service_memory_limit(const struct service *service)
+{
+    return service->memory.limit;
+}
+
 struct memory *service_frame_memory(struct service *service)
 {
     return &service->unlimited;

@@ -68,6 +68,9 @@ uint32_t service_pending(const struct service *service);
  */
 struct memory *service_frame_memory(struct service *service);
 
+/* Returns the bytes for requests and builds. */
+uint64_t service_memory_limit(const struct service *service);
+
 struct descriptors *service_descriptors(struct service *service);
 
 /* The worker threads, for jobs beside those of requests. Such jobs have to be done before service_destroy. */

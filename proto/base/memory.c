@@ -26,7 +26,7 @@ struct header {
 enum { ALIGNMENT = 64, PAGE = 4096, MAPPED_FROM = 4 << 20 };
 
 /* Bytes that memory_keep lets the process keep: in each of malloc's heaps, and in unused mappings. */
-enum { KEPT_HEAP = 32 << 20, KEPT_MAPPINGS = 256 << 20 };
+enum { KEPT_HEAP_LEAST = 128 << 10, KEPT_HEAP = 32 << 20, KEPT_MAPPINGS = 256 << 20 };
 
 _Static_assert(sizeof(struct header) <= ALIGNMENT, "the header fits in front of the block");
 
@@ -50,6 +50,15 @@ void memory_keep(void)
     mallopt(M_MMAP_THRESHOLD, 2 * MAPPED_FROM);
     mallopt(M_TRIM_THRESHOLD, KEPT_HEAP);
 #endif
+}
+
+void memory_keep_heap(uint64_t most)
+{
+    uint64_t least = most < KEPT_HEAP_LEAST ? KEPT_HEAP_LEAST : most;
+#ifdef __GLIBC__
+    mallopt(M_TRIM_THRESHOLD, (int)(least < KEPT_HEAP ? least : KEPT_HEAP));
+#endif
+    (void)least;
 }
 
 void memory_init(struct memory *memory, uint64_t limit)

@@ -48,6 +48,9 @@ void memory_init_within(struct memory *memory, struct memory *parent, uint64_t l
  */
 void memory_keep(void);
 
+/* Lets each heap of malloc keep at most `most` bytes from now on, but at least 128 KiB and at most 32 MiB. */
+void memory_keep_heap(uint64_t most);
+
 /* Returns NULL if the budget, the machine or a test refuses, and if size is 0. */
 void *memory_alloc(struct memory *memory, uint64_t size);
 
