@@ -282,7 +282,10 @@ void bvhd_batch_destroy(struct bvhd_batch *batch)
         retire(lookup_of(batch));
     callback_forget(batch);
     client_unlock(client);
-    client_batch_free(batch);
+    client_batch_free(batch); /* without the lock, since freeing large results takes time */
+    client_lock(client);
+    outgoing_release(client); /* at once: the program may make no more calls for a long time */
+    client_unlock(client);
 }
 
 void bvhd_batch_cancel(struct bvhd_batch *batch)

@@ -471,10 +471,15 @@ static void release_results(struct connection *connection)
         connection_release(connection, clock_ns());
 }
 
-void outgoing_pump(struct bvhd_client *client)
+void outgoing_release(struct bvhd_client *client)
 {
     release_results(client->leaving);
     release_results(client->current);
+}
+
+void outgoing_pump(struct bvhd_client *client)
+{
+    outgoing_release(client);
     resend_parked(client, client->leaving);
     resend_parked(client, client->current);
     send_queue(client);

@@ -15,6 +15,9 @@ void outgoing_pump(struct bvhd_client *client);
 /* Returns what a request says about a description, except where its payload is. */
 struct control_item outgoing_describe(const struct build_input *input);
 
+/* Tells the daemons which results the program holds no longer. */
+void outgoing_release(struct bvhd_client *client);
+
 /* Sends CANCEL for the entries `entries[count]` of an exchange, or for all if count is 0. */
 void outgoing_cancel(struct bvhd_client *client, struct exchange *exchange, const uint32_t *entries, uint32_t count);
 

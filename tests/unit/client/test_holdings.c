@@ -107,6 +107,20 @@ static void declined_results_are_released(void **state)
     assert_true(bed_stop(&bed));
 }
 
+/* A program that frees its last batch and makes no more calls owes the daemon nothing. */
+static void freed_batches_are_told_at_once(void **state)
+{
+    struct client_bed bed;
+    struct frame frame;
+    (void)state;
+    bed_start(&bed);
+    bed.fake.welcome.max_held = MOST;
+    assert_true(bed_connect(&bed));
+    bvhd_batch_destroy(build(&bed, RESULT));
+    assert_true(fake_expect(&bed.fake, FRAME_RELEASED, &frame));
+    assert_true(bed_stop(&bed));
+}
+
 /* A daemon that does not know RELEASED is not sent any. */
 static void old_daemons_are_told_nothing(void **state)
 {
@@ -123,9 +137,8 @@ static void old_daemons_are_told_nothing(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(what_is_released_is_told),
-        cmocka_unit_test(no_more_is_held_than_allowed),
-        cmocka_unit_test(declined_results_are_released),
+        cmocka_unit_test(what_is_released_is_told),      cmocka_unit_test(no_more_is_held_than_allowed),
+        cmocka_unit_test(declined_results_are_released), cmocka_unit_test(freed_batches_are_told_at_once),
         cmocka_unit_test(old_daemons_are_told_nothing),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
