@@ -238,6 +238,7 @@ static enum bvhd_status split(struct construction *construction)
         .scratch = construction->scratch,
         .blocks = refs->blocks,
         .block_count = refs->block_count,
+        .block_size = refs->block_size,
         .count = refs->count,
         .piece_size = piece_size(refs->count),
         .bounds = refs->bounds,

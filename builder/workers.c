@@ -2,12 +2,14 @@
 #include "builder/workers.h"
 
 #include <pthread.h>
+#include <sched.h>
 #include <signal.h>
 #include <stdatomic.h>
 #include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "proto/base/clock.h"
 #include "proto/base/processor.h"
 
 /*
@@ -43,17 +45,47 @@ struct workers {
     struct for_each_call *oldest; /* open calls in the order in which they were posted; under the lock */
     unsigned sleepers; /* workers that wait on `work`; under the lock */
     bool stop; /* under the lock */
-    atomic_uint posted; /* number of posted calls, changed under the lock; free workers watch it before they sleep */
+    /* changes when a call is posted, and at the end; free workers watch it before they sleep; changed under the lock */
+    atomic_uint posted;
     /* length of `threads`: one less than face.parallel.threads */
     unsigned thread_count;
     pthread_t threads[];
 };
 
-/* Rounds of spinning before a thread sleeps: about 10 us, which is what a sleep and a wake-up would cost. */
-enum { SPIN_ROUNDS = 250 };
+/*
+ * A thread spins before it sleeps, since the stages of a build follow each other within microseconds, and a sleep and a
+ * wake-up cost about ten. It spins for as long as it has worked since it last slept, within these bounds: so the
+ * threads of a large build are awake when its next stage begins, and small builds do not keep many threads busy for
+ * nothing.
+ */
+enum { SPIN_LEAST_NS = 10000, SPIN_MOST_NS = 1000000, SPIN_ROUNDS = 32 };
+
+struct spin {
+    uint64_t end; /* by clock_ns */
+    unsigned round;
+};
 
 /* The innermost call whose task this thread is running. */
 static _Thread_local struct for_each_call *current;
+
+static struct spin spin_after(uint64_t worked_ns)
+{
+    uint64_t ns = worked_ns < SPIN_LEAST_NS ? SPIN_LEAST_NS : worked_ns > SPIN_MOST_NS ? SPIN_MOST_NS : worked_ns;
+    return (struct spin){.end = clock_ns() + ns};
+}
+
+/*
+ * Waits for a few cycles. Returns false when the time is over. Once in SPIN_ROUNDS rounds it looks at the clock, and
+ * gives way to a thread that has no processor, since that may be the one it waits for.
+ */
+static bool spin_on(struct spin *spin)
+{
+    processor_relax();
+    if (++spin->round % SPIN_ROUNDS != 0)
+        return true;
+    sched_yield();
+    return clock_ns() < spin->end;
+}
 
 static void run_tasks(struct for_each_call *call)
 {
@@ -132,10 +164,19 @@ static void withdraw(struct workers *workers, struct for_each_call *call)
     pthread_mutex_unlock(&workers->lock);
 }
 
-static void wait_for_helpers(struct workers *workers, struct for_each_call *call)
+/* Spins until the last helper leaves, or a call is posted, which may be one to help with. */
+static void spin_for_helpers(const struct workers *workers, const struct for_each_call *call, uint64_t worked_ns)
 {
-    for (int i = 0; i < SPIN_ROUNDS && atomic_load_explicit(&call->helpers, memory_order_relaxed) > 0; i++)
-        processor_relax();
+    unsigned seen = atomic_load_explicit(&workers->posted, memory_order_relaxed);
+    struct spin spin = spin_after(worked_ns);
+    while (atomic_load_explicit(&call->helpers, memory_order_relaxed) > 0 &&
+           atomic_load_explicit(&workers->posted, memory_order_relaxed) == seen && spin_on(&spin))
+        continue;
+}
+
+static void wait_for_helpers(struct workers *workers, struct for_each_call *call, uint64_t worked_ns)
+{
+    spin_for_helpers(workers, call, worked_ns);
     pthread_mutex_lock(&workers->lock);
     while (atomic_load_explicit(&call->helpers, memory_order_acquire) > 0) {
         struct for_each_call *below = find_work(workers, call);
@@ -166,39 +207,45 @@ static void workers_for_each(const struct parallel *self, size_t count, parallel
         .changed = PTHREAD_COND_INITIALIZER,
     };
     post(workers, &call);
+    uint64_t begin = clock_ns();
     run_tasks(&call);
     withdraw(workers, &call);
-    wait_for_helpers(workers, &call);
+    wait_for_helpers(workers, &call, clock_ns() - begin);
     pthread_cond_destroy(&call.changed);
 }
 
-/* Spins, without the lock, until a call is posted or SPIN_ROUNDS have passed. */
-static void await_post(struct workers *workers, unsigned seen)
+/* Spins, without the lock, until a call is posted or the time is over. */
+static void await_post(struct workers *workers, unsigned seen, uint64_t worked_ns)
 {
-    for (int i = 0; i < SPIN_ROUNDS && atomic_load_explicit(&workers->posted, memory_order_relaxed) == seen; i++)
-        processor_relax();
+    struct spin spin = spin_after(worked_ns);
+    while (atomic_load_explicit(&workers->posted, memory_order_relaxed) == seen && spin_on(&spin))
+        continue;
 }
 
 static void *work_until_stopped(void *argument)
 {
     struct workers *workers = argument;
+    uint64_t worked_ns = 0; /* since it last slept */
     pthread_mutex_lock(&workers->lock);
     workers->started++;
     pthread_cond_signal(&workers->ready);
     while (!workers->stop) {
         struct for_each_call *call = find_work(workers, NULL);
         if (call) {
+            uint64_t begin = clock_ns();
             help(workers, call);
+            worked_ns += clock_ns() - begin;
             continue;
         }
         unsigned seen = atomic_load_explicit(&workers->posted, memory_order_relaxed);
         pthread_mutex_unlock(&workers->lock);
-        await_post(workers, seen);
+        await_post(workers, seen, worked_ns);
         pthread_mutex_lock(&workers->lock);
         if (atomic_load_explicit(&workers->posted, memory_order_relaxed) == seen && !workers->stop) {
             workers->sleepers++;
             pthread_cond_wait(&workers->work, &workers->lock);
             workers->sleepers--;
+            worked_ns = 0;
         }
     }
     pthread_mutex_unlock(&workers->lock);
@@ -265,6 +312,7 @@ void workers_destroy(struct workers *workers)
         return;
     pthread_mutex_lock(&workers->lock);
     workers->stop = true;
+    atomic_fetch_add_explicit(&workers->posted, 1, memory_order_relaxed); /* ends the spinning */
     pthread_mutex_unlock(&workers->lock);
     pthread_cond_broadcast(&workers->work);
     for (unsigned i = 0; i < workers->thread_count; i++)

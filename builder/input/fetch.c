@@ -15,8 +15,8 @@
  * cache between two passes over it.
  */
 enum {
-    PRIMITIVE_CHUNK = 16384,
-    VERTEX_CHUNK = 32768,
+    PRIMITIVE_CHUNK = 4096,
+    VERTEX_CHUNK = 4096,
     INDEX_BLOCK = 4096,
     VERTEX_BLOCK = 2048,
     BOX_BLOCK = 1024,

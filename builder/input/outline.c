@@ -17,7 +17,7 @@ enum { SUMS = 0, DIFFERENCES = 3, CORNERS = 6, GROUPS = 3 };
  * The work is divided into at most MOST_SHARES shares, so that their results need no allocation; how it is divided does
  * not depend on the threads. LOOK elements are added between two checks of the cancel flag.
  */
-enum { MOST_SHARES = 64, LEAST_SHARE = 16384, LOOK = 8192 };
+enum { MOST_SHARES = 64, LEAST_SHARE = 4096, LOOK = 8192 };
 
 /* Groups of four vertices that stay in the first-level cache for the second pass over them. */
 enum { NEAR = 256 };

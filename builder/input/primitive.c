@@ -267,7 +267,7 @@ struct collection {
     const struct canonical *canonical;
     struct primitive_ref *refs;
     struct block_totals *blocks;
-    size_t block_count;
+    size_t block_count, block_size;
     const struct leaves_options *runs; /* NULL: each ref stands for one primitive */
 };
 
@@ -307,6 +307,15 @@ static uint32_t make_runs(struct primitive_ref *refs, uint32_t count, const stru
         next += length;
     }
     return runs;
+}
+
+uint32_t primitive_block(uint32_t primitives)
+{
+    enum { LARGEST = 8192, ENOUGH = 64 };
+    uint32_t block = LARGEST;
+    while (block > CHUNK && primitives / block < ENOUGH)
+        block /= 2;
+    return block;
 }
 
 /* Makes refs of primitives [index, end) of one geometry, and returns how many are kept. */
@@ -355,7 +364,7 @@ static void collect_block(void *context, size_t index)
     const struct collection *collection = context;
     struct block_totals block = {.bounds = box_empty(), .centroids = box_empty()};
     size_t begin, end;
-    parallel_chunk(index, PRIMITIVE_BLOCK, collection->canonical->primitive_count, &begin, &end);
+    parallel_chunk(index, collection->block_size, collection->canonical->primitive_count, &begin, &end);
     struct primitive_ref *refs = collection->refs + begin;
     for (size_t id = begin; id < end; id += CHUNK)
         collect_chunk(collection, id, end - id < CHUNK ? end : id + CHUNK, refs + block.count, &block);
@@ -397,7 +406,7 @@ static enum bvhd_status collect(struct collection *collection, const struct buil
 bool primitive_close_gaps(struct primitive_refs *refs, const struct build_context *context)
 {
     for (uint32_t done = 0, i = 0; refs->blocks && done < refs->count; done += refs->blocks[i++]) {
-        const struct primitive_ref *block = refs->refs + (uint64_t)i * PRIMITIVE_BLOCK;
+        const struct primitive_ref *block = refs->refs + (uint64_t)i * refs->block_size;
         if (block != refs->refs + done)
             memmove(refs->refs + done, block, refs->blocks[i] * sizeof *block);
         if (parallel_cancelled(context->cancel))
@@ -423,7 +432,8 @@ enum bvhd_status primitive_collect_blocks(const struct canonical *canonical, con
     struct collection collection = {.canonical = canonical, .runs = runs};
     struct primitive_refs refs = {.bounds = box_empty(), .centroids = box_empty()};
     enum bvhd_status status = BVHD_OK;
-    collection.block_count = parallel_chunks(PRIMITIVE_BLOCK, canonical->primitive_count);
+    collection.block_size = refs.block_size = primitive_block(canonical->primitive_count);
+    collection.block_count = parallel_chunks(collection.block_size, canonical->primitive_count);
     if (collection.block_count > 0)
         status = collect(&collection, context, &refs);
     memory_free(context->memory, collection.blocks);

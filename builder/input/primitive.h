@@ -24,19 +24,20 @@
 struct leaves_options;
 
 /*
- * Number of primitives in a block. Each task makes the refs of one block, and writes them from the array element on
- * that has the number of the block's first primitive.
+ * Returns the number of primitives in a block, of a structure with that many in all. Each task makes the refs of one
+ * block, and writes them from the array element on that has the number of the block's first primitive. Blocks are
+ * smaller where there would be too few of them for many threads; results do not depend on it.
  */
-enum { PRIMITIVE_BLOCK = 8192 };
+uint32_t primitive_block(uint32_t primitives);
 
 struct primitive_refs {
     struct primitive_ref *refs; /* 64-byte aligned; in the order of primitive numbers */
     /*
-     * Number of refs in each block. The refs of block b start at refs[b * PRIMITIVE_BLOCK], so there are gaps behind
-     * blocks that are not full. NULL when there are no gaps.
+     * Number of refs in each block. The refs of block b start at refs[b * block_size], so there are gaps behind blocks
+     * that are not full. NULL when there are no gaps.
      */
     uint32_t *blocks;
-    uint32_t block_count;
+    uint32_t block_count, block_size;
     uint32_t count;
     uint32_t primitives; /* number of primitives that the refs stand for; larger than `count` when some refs are runs */
     struct box bounds; /* union of all refs' boxes */

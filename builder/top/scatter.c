@@ -10,9 +10,6 @@
 /* The sample has every SAMPLE_STEP-th ref, or fewer where SAMPLE_MAX refs are enough for the few planes. */
 enum { SAMPLE_STEP = 8, SAMPLE_MAX = 16384 };
 
-/* Refs of one task. */
-enum { CHUNK = PRIMITIVE_BLOCK };
-
 /*
  * Share of the root's half area from which on a ref counts as outsize: such a ref is met by most rays that meet the
  * root.
@@ -27,16 +24,19 @@ struct scatter {
     float outsize; /* half area from which on refs go to the last piece; infinite when none do */
     uint16_t *pieces; /* the piece of each place */
     uint32_t *places; /* for each chunk and piece: first the number of refs, then where the next one goes */
-    uint32_t chunk_count;
+    uint32_t chunk_count, chunk_size; /* a chunk has the refs of one task */
 };
 
 /* The range of a chunk's places that hold refs. */
 static void chunk_range(const struct scatter *s, size_t chunk, size_t *ret_begin, size_t *ret_end)
 {
     const struct split_request *request = s->request;
-    *ret_begin = chunk * CHUNK;
-    size_t rest = request->count - *ret_begin;
-    *ret_end = *ret_begin + (request->blocks ? request->blocks[chunk] : rest < CHUNK ? rest : CHUNK);
+    if (request->blocks) {
+        *ret_begin = chunk * s->chunk_size;
+        *ret_end = *ret_begin + request->blocks[chunk];
+    } else {
+        parallel_chunk(chunk, s->chunk_size, request->count, ret_begin, ret_end);
+    }
 }
 
 static inline vec4 centroid_of(const struct primitive_ref *ref)
@@ -50,49 +50,98 @@ static inline float half_area_of(const struct primitive_ref *ref)
     return vec4_box_half_area(vec4_box_load(ref));
 }
 
-/* Takes every step-th ref that is not outsize. Returns how many were examined. */
-static uint32_t take_sample(const struct scatter *s, uint32_t step, float outsize, struct primitive_ref *ret_sample,
-                            uint32_t *ret_count)
+/* The refs of the sample that come from one chunk. */
+struct sample_part {
+    uint32_t skip; /* refs of the chunk before the first one that is examined */
+    uint32_t at; /* number of refs that are examined in the chunks before; the part begins there in the sample */
+    uint32_t count; /* refs that are taken */
+};
+
+/* Taking a sample: every step-th ref that is not outsize. */
+struct sampling {
+    const struct scatter *s;
+    uint32_t step;
+    float outsize;
+    struct primitive_ref *sample;
+    struct sample_part *parts; /* for each chunk */
+};
+
+/* Determines which refs of each chunk are examined. Returns how many those are. */
+static uint32_t plan_sample(struct sampling *sampling)
 {
-    uint32_t looked = 0, count = 0;
-    size_t skip = 0, i, end;
-    for (uint32_t chunk = 0; chunk < s->chunk_count; chunk++) {
-        chunk_range(s, chunk, &i, &end);
-        for (i += skip; i < end; i += step, looked++) {
-            ret_sample[count] = s->request->refs[i];
-            count += half_area_of(&ret_sample[count]) < outsize;
-        }
-        skip = i - end;
+    size_t skip = 0, begin, end;
+    uint32_t at = 0;
+    for (uint32_t chunk = 0; chunk < sampling->s->chunk_count; chunk++) {
+        chunk_range(sampling->s, chunk, &begin, &end);
+        size_t count = end - begin, examined = skip < count ? (count - skip - 1) / sampling->step + 1 : 0;
+        sampling->parts[chunk] = (struct sample_part){.skip = (uint32_t)skip, .at = at};
+        at += (uint32_t)examined;
+        skip += examined * sampling->step - count;
     }
-    *ret_count = count;
-    return looked;
+    return at;
+}
+
+static void take_part(void *context, size_t chunk)
+{
+    const struct sampling *sampling = context;
+    struct sample_part *part = &sampling->parts[chunk];
+    struct primitive_ref *to = sampling->sample + part->at;
+    size_t i, end;
+    uint32_t count = 0;
+    chunk_range(sampling->s, chunk, &i, &end);
+    for (i += part->skip; i < end; i += sampling->step) {
+        to[count] = sampling->s->request->refs[i];
+        count += half_area_of(&to[count]) < sampling->outsize;
+    }
+    part->count = count;
+}
+
+/* Takes the refs, and closes the gaps that outsize ones have left. Returns how many there are. */
+static uint32_t take_sample(struct sampling *sampling)
+{
+    uint32_t count = 0;
+    parallel_for(sampling->s->parallel, sampling->s->chunk_count, take_part, sampling);
+    for (uint32_t chunk = 0; chunk < sampling->s->chunk_count; chunk++) {
+        const struct sample_part *part = &sampling->parts[chunk];
+        if (part->at != count)
+            memmove(sampling->sample + count, sampling->sample + part->at, part->count * sizeof *sampling->sample);
+        count += part->count;
+    }
+    return count;
 }
 
 /* Takes the sample, without outsize refs if those are few, and finds the planes. */
+static void plan_by_sample(struct scatter *s, struct sampling *sampling)
+{
+    uint32_t size = plan_sample(sampling), count = take_sample(sampling);
+    if (size - count > size / 8) {
+        s->outsize = sampling->outsize = INFINITY;
+        count = take_sample(sampling);
+    }
+    uint32_t enough = s->request->piece_size / sampling->step;
+    scatter_plan_make(sampling->sample, count, enough > 16 ? enough : 16, s->parallel, &s->plan);
+}
+
 static enum bvhd_status find_planes(struct scatter *s)
 {
     const struct split_request *request = s->request;
-    uint32_t step = SAMPLE_STEP;
-    while (request->count / step > SAMPLE_MAX)
-        step *= 2;
-    uint32_t size = request->count / step, count = 0;
+    struct sampling sampling = {.s = s, .step = SAMPLE_STEP, .outsize = s->outsize};
+    while (request->count / sampling.step > SAMPLE_MAX)
+        sampling.step *= 2;
+    uint32_t size = request->count / sampling.step;
     if (size == 0) {
         s->outsize = INFINITY;
         scatter_plan_make(NULL, 0, 0, s->parallel, &s->plan);
         return BVHD_OK;
     }
-    struct primitive_ref *sample = memory_array(s->memory, (uint64_t)size + 1, sizeof *sample);
-    if (!sample)
-        return BVHD_NO_MEMORY;
-    size = take_sample(s, step, s->outsize, sample, &count);
-    if (size - count > size / 8) {
-        s->outsize = INFINITY;
-        take_sample(s, step, INFINITY, sample, &count);
-    }
-    uint32_t enough = request->piece_size / step;
-    scatter_plan_make(sample, count, enough > 16 ? enough : 16, s->parallel, &s->plan);
-    memory_free(s->memory, sample);
-    return BVHD_OK;
+    sampling.sample = memory_array(s->memory, (uint64_t)size + 1, sizeof *sampling.sample);
+    sampling.parts = memory_array(s->memory, s->chunk_count, sizeof *sampling.parts);
+    bool has_room = sampling.sample && sampling.parts;
+    if (has_room)
+        plan_by_sample(s, &sampling);
+    memory_free(s->memory, sampling.sample);
+    memory_free(s->memory, sampling.parts);
+    return has_room ? BVHD_OK : BVHD_NO_MEMORY;
 }
 
 static uint32_t piece_at(const struct scatter *s, vec4 at)
@@ -255,12 +304,13 @@ static void make_tree(const struct scatter *s, const uint32_t *firsts, struct sp
 /* Computes the bounds of all refs. Returns false when cancelled. */
 static bool bound(struct split_request *request)
 {
+    enum { LOOK = 8192 }; /* refs between two looks at the cancel flag */
     request->bounds = request->centroids = box_empty();
     for (uint32_t first = 0, count; first < request->count; first += count) {
         struct box bounds, centroids;
         if (parallel_cancelled(request->cancel))
             return false;
-        count = request->count - first < CHUNK ? request->count - first : CHUNK;
+        count = request->count - first < LOOK ? request->count - first : LOOK;
         primitive_ref_bounds(request->refs + first, count, &bounds, &centroids);
         box_grow(&request->bounds, &bounds);
         box_grow(&request->centroids, &centroids);
@@ -316,11 +366,12 @@ static enum bvhd_status scatter(struct scatter *s, struct split_tree *tree)
     uint32_t count = s->request->count;
     s->outsize = outsize_share * (float)box_half_area(&s->request->bounds);
     s->outsize = s->outsize > 0 ? s->outsize : INFINITY;
-    s->chunk_count = s->request->blocks ? s->request->block_count : (uint32_t)parallel_chunks(CHUNK, count);
+    s->chunk_size = s->request->blocks ? s->request->block_size : primitive_block(count);
+    s->chunk_count = s->request->blocks ? s->request->block_count : (uint32_t)parallel_chunks(s->chunk_size, count);
     enum bvhd_status status = find_planes(s);
     if (status != BVHD_OK)
         return status;
-    s->pieces = memory_array(s->memory, (uint64_t)s->chunk_count * CHUNK, sizeof *s->pieces);
+    s->pieces = memory_array(s->memory, (uint64_t)s->chunk_count * s->chunk_size, sizeof *s->pieces);
     s->places = memory_array(s->memory, (uint64_t)s->chunk_count * (s->plan.piece_count + 1), sizeof *s->places);
     tree->nodes = memory_array(s->memory, (uint64_t)s->plan.node_count + 2, sizeof *tree->nodes);
     if (!s->pieces || !s->places || !tree->nodes)

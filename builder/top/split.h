@@ -34,7 +34,7 @@ struct split_request {
     struct primitive_ref *refs; /* reordered so that each piece is contiguous; magnitudes are at most 2^40 */
     struct primitive_ref *scratch; /* room for as many refs */
     const uint32_t *blocks; /* for scatter_refs: NULL, or the refs lie in block_count blocks with gaps (primitive.h) */
-    uint32_t block_count;
+    uint32_t block_count, block_size; /* of `blocks` */
     uint32_t count; /* >= 1 */
     uint32_t piece_size; /* the maximum number of refs in a piece; >= 1 */
     struct box bounds, centroids; /* of all refs (primitive_ref_bounds) */

@@ -3,9 +3,9 @@
  * bench_build - measures how fast structures are built, beside rtcBuildBVH in the same run (MEDIUM, and LOW with
  * eight-wide nodes), and how good they are.
  *
- *     bench_build [--quality fast|balanced|high] [--runs N] SCENE.ply...
+ *     bench_build [--quality fast|balanced|high] [--runs N] [--threads N] SCENE.ply...
  *
- * It measures with 2 threads and with 1. For each scene it prints medians of N runs (5), in which our build and
+ * It measures with N threads, or else with 2 threads and with 1. For each scene it prints medians of N runs (5), in which our build and
  * Embree's alternate. "build" is the time of build(): boxes, splitting, pieces, joining, depth, collapse and writing of
  * the layout; "prepare" is listed separately. The SAH cost of the binary trees, by one formula, is beside that of
  * MEDIUM and of a full sweep. Ratios of rates are by wall-clock time, and by processor time, which says more while
@@ -47,6 +47,7 @@ enum {
 struct options {
     enum build_quality quality;
     int runs;
+    unsigned threads; /* 0: two, and one */
 };
 
 struct row {
@@ -285,7 +286,7 @@ static void bench_threads(const struct options *options, unsigned threads, char 
 
 static int usage(void)
 {
-    fprintf(stderr, "usage: bench_build [--quality fast|balanced|high] [--runs N] SCENE.ply...\n");
+    fprintf(stderr, "usage: bench_build [--quality fast|balanced|high] [--runs N] [--threads N] SCENE.ply...\n");
     return 2;
 }
 
@@ -294,6 +295,10 @@ static bool parse(struct options *options, const char *name, const char *value)
     if (strcmp(name, "--runs") == 0) {
         options->runs = atoi(value);
         return options->runs >= 1 && options->runs <= MAX_RUNS;
+    }
+    if (strcmp(name, "--threads") == 0) {
+        options->threads = (unsigned)atoi(value);
+        return options->threads >= 1 && options->threads <= WORKERS_MAX_THREADS;
     }
     if (strcmp(name, "--quality") != 0)
         return false;
@@ -307,7 +312,7 @@ static bool parse(struct options *options, const char *name, const char *value)
 
 int main(int argc, char **argv)
 {
-    struct options options = {QUALITY_BALANCED, 5};
+    struct options options = {QUALITY_BALANCED, 5, 0};
     int first = 1;
     for (; first + 1 < argc && strncmp(argv[first], "--", 2) == 0; first += 2)
         if (!parse(&options, argv[first], argv[first + 1]))
@@ -315,7 +320,8 @@ int main(int argc, char **argv)
     if (first >= argc || argc - first > MAX_SCENES)
         return usage();
     memory_keep();
-    bench_threads(&options, 2, argv + first, argc - first);
-    bench_threads(&options, 1, argv + first, argc - first);
+    bench_threads(&options, options.threads ? options.threads : 2, argv + first, argc - first);
+    if (options.threads == 0)
+        bench_threads(&options, 1, argv + first, argc - first);
     return 0;
 }

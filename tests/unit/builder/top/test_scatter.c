@@ -131,7 +131,8 @@ static void outsize_refs_are_set_apart(void **state)
 static void gaps_do_not_matter(void **state)
 {
     (void)state;
-    static const uint32_t blocks[] = {0, 1, PRIMITIVE_BLOCK, 5000, 0, 0, 4095, PRIMITIVE_BLOCK - 1, 7, 0};
+    enum { BLOCK = 8192 };
+    static const uint32_t blocks[] = {0, 1, BLOCK, 5000, 0, 0, 4095, BLOCK - 1, 7, 0};
     enum { BLOCKS = sizeof blocks / sizeof *blocks };
     uint32_t count = 0;
     for (int i = 0; i < BLOCKS; i++)
@@ -141,14 +142,15 @@ static void gaps_do_not_matter(void **state)
         struct split_tree tree, other;
         start(&whole, (enum test_refs_kind)kind, count, 1000);
         start(&gaps, (enum test_refs_kind)kind, count, 1000);
-        struct primitive_ref *places = malloc(BLOCKS * PRIMITIVE_BLOCK * sizeof *places);
+        struct primitive_ref *places = malloc(BLOCKS * BLOCK * sizeof *places);
         assert_non_null(places);
-        memset(places, 0xff, BLOCKS * PRIMITIVE_BLOCK * sizeof *places);
+        memset(places, 0xff, BLOCKS * BLOCK * sizeof *places);
         for (uint32_t i = 0, at = 0; i < BLOCKS; at += blocks[i++])
-            memcpy(places + (size_t)i * PRIMITIVE_BLOCK, gaps.given + at, blocks[i] * sizeof *places);
+            memcpy(places + (size_t)i * BLOCK, gaps.given + at, blocks[i] * sizeof *places);
         gaps.request.refs = places;
         gaps.request.blocks = blocks;
         gaps.request.block_count = BLOCKS;
+        gaps.request.block_size = BLOCK;
         assert_int_equal(scatter_refs(&whole.request, &whole.memory, &parallel_serial, &tree, NULL), BVHD_OK);
         assert_int_equal(scatter_refs(&gaps.request, &gaps.memory, &parallel_serial, &other, NULL), BVHD_OK);
         check_tree(&gaps, &other);
