@@ -5,11 +5,11 @@
  *
  *     bench_build [--quality fast|balanced|high] [--runs N] [--threads N] SCENE.ply...
  *
- * It measures with N threads, or else with 2 threads and with 1. For each scene it prints medians of N runs (5), in which our build and
- * Embree's alternate. "build" is the time of build(): boxes, splitting, pieces, joining, depth, collapse and writing of
- * the layout; "prepare" is listed separately. The SAH cost of the binary trees, by one formula, is beside that of
- * MEDIUM and of a full sweep. Ratios of rates are by wall-clock time, and by processor time, which says more while
- * others use the machine.
+ * It measures with N threads, or else with 2 threads and with 1. For each scene it prints medians of N runs (5), in
+ * which our build and Embree's alternate. "build" is the time of build(): boxes, splitting, pieces, joining, depth,
+ * collapse and writing of the layout; "prepare" is listed separately. The SAH cost of the binary trees, by one formula,
+ * is beside that of MEDIUM and of a full sweep. Ratios of rates are by wall-clock time, and by processor time, which
+ * says more while others use the machine.
  */
 #include <math.h>
 #include <stdio.h>
