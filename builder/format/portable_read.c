@@ -89,6 +89,8 @@ static enum bvhd_status find_sections(struct portable_reader *r)
     uint64_t end = sizeof *h;
     if (h->body_size != r->body.size)
         return corrupt(r, "body.bodySize", "not what follows the header");
+    if (h->node_count > PORTABLE_MAX_ROWS || h->record_count > PORTABLE_MAX_ROWS)
+        return corrupt(r, "body.nodeCount", "more nodes or records than 2^30");
     if (h->node_offset % 64 != 0 || !take_section(r, h->node_offset, h->node_count, sizeof(struct portable_node), &end))
         return corrupt(r, "body.nodeOffset", "nodes are misplaced");
     if (!take_section(r, h->record_offset, h->record_count, portable_record_size((enum portable_content)h->content),
@@ -98,8 +100,6 @@ static enum bvhd_status find_sections(struct portable_reader *r)
         return corrupt(r, "body.vertexOffset", "vertices are misplaced");
     if (!take_section(r, h->geometry_offset, h->geometry_count, sizeof(struct portable_geometry), &end))
         return corrupt(r, "body.geometryOffset", "geometries are misplaced");
-    if (h->node_count > PORTABLE_MAX_ROWS || h->record_count > PORTABLE_MAX_ROWS)
-        return corrupt(r, "body.nodeCount", "more nodes or records than 2^30");
     r->view.nodes = (const struct portable_node *)(const void *)(r->body.data + h->node_offset);
     r->view.records = r->body.data + h->record_offset;
     r->view.vertices = (const float *)(const void *)(r->body.data + h->vertex_offset);
@@ -239,14 +239,13 @@ static bool record_is_sound(const struct portable_reader *r, uint32_t i)
         bool ordered = aabb->min[0] <= aabb->max[0] && aabb->min[1] <= aabb->max[1] && aabb->min[2] <= aabb->max[2];
         return id_is_sound(h, aabb->id) && ordered && aabb->reserved == 0;
     }
-    case PORTABLE_INSTANCES: {
+    default: { /* PORTABLE_INSTANCES: the header has been checked */
         const struct portable_instance *instance = (const struct portable_instance *)r->view.records + i;
         uint32_t reserved =
             instance->reserved[0] | instance->reserved[1] | instance->reserved[2] | instance->reserved[3];
         return instance->instance < h->primitive_count && instance->handle < r->view.handle_count && reserved == 0;
     }
     }
-    return false;
 }
 
 static enum bvhd_status check_records(const struct portable_reader *r)

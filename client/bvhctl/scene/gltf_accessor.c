@@ -168,10 +168,8 @@ static float normalize(float value, enum gltf_component component)
         return value / 255.0f;
     case GLTF_INT16:
         return fmaxf(value / 32767.0f, -1.0f);
-    case GLTF_UINT16:
+    default: /* GLTF_UINT16: others are not normalized */
         return value / 65535.0f;
-    default:
-        return value;
     }
 }
 

@@ -274,8 +274,7 @@ static void read_factor(struct gltf_looks *looks, const struct gltf_value *model
 {
     double factor[4] = {1, 1, 1, 1};
     bool found = false;
-    if (gltf_numbers(&looks->file, model, name, 4, factor, &found) != BVHD_OK)
-        leave_out(looks);
+    gltf_numbers(&looks->file, model, name, 4, factor, &found); /* gltf_material_read has refused wrong ones */
     for (int i = 0; i < 4; i++)
         look->factor[i] = factor[i] >= 0 && factor[i] <= 1 ? (float)factor[i] : factor[i] > 1 ? 1.0f : 0.0f;
     look->is_coloured |= found;

@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+#include <assert.h>
 #include <png.h>
 #include <setjmp.h>
 #include <stdio.h>
@@ -97,8 +98,7 @@ static enum bvhd_status read_image(struct decoder *decoder, uint32_t limit, stru
     bool is_interlaced = png_set_interlace_handling(decoder->png) > 1;
     png_read_update_info(decoder->png, decoder->info);
     size_t row_bytes = png_get_rowbytes(decoder->png, decoder->info);
-    if (row_bytes != (size_t)width * 4)
-        png_error(decoder->png, "unexpected size of rows");
+    assert(row_bytes == (size_t)width * 4);
     enum bvhd_status status = image_rows_init(&decoder->rows, width, height, limit, decoder->memory, error);
     if (status != BVHD_OK)
         return status;

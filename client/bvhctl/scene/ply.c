@@ -18,6 +18,7 @@ struct ply_file {
     const struct ply_element *vertex; /* NULL: there is none */
     struct ply_source source;
     struct ply_header header;
+    int coordinates[3]; /* which properties of the vertices they are */
 };
 
 static FILE *open_regular(const char *path, uint64_t *ret_size)
@@ -72,12 +73,12 @@ static enum bvhd_status too_many_values(const struct ply_file *file, const struc
 }
 
 /* Finds which property is which coordinate. */
-static enum bvhd_status find_coordinates(const struct ply_file *file, int ret_coordinates[3])
+static enum bvhd_status find_coordinates(struct ply_file *file)
 {
     static const char *const names[3] = {"x", "y", "z"};
     for (int i = 0; i < 3; i++) {
-        ret_coordinates[i] = file->vertex ? ply_element_find(file->vertex, names[i]) : -1;
-        if (ret_coordinates[i] < 0 || file->vertex->properties[ret_coordinates[i]].is_list)
+        file->coordinates[i] = file->vertex ? ply_element_find(file->vertex, names[i]) : -1;
+        if (file->coordinates[i] < 0 || file->vertex->properties[file->coordinates[i]].is_list)
             return bvhd_error_set(file->error, BVHD_INVALID, file->path, "its vertices have no '%s'", names[i]);
     }
     return BVHD_OK;
@@ -137,10 +138,7 @@ static enum bvhd_status read_row(struct ply_file *file, const struct ply_element
 static enum bvhd_status read_vertices(struct ply_file *file)
 {
     const struct ply_element *element = file->vertex;
-    int coordinates[3];
-    enum bvhd_status status = find_coordinates(file, coordinates);
-    if (status)
-        return status;
+    enum bvhd_status status = BVHD_OK;
     if (element->count >= UINT32_MAX)
         return bvhd_error_set(file->error, BVHD_UNSUPPORTED, file->path, "it has more than %u vertices",
                               UINT32_MAX - 1);
@@ -149,9 +147,9 @@ static enum bvhd_status read_vertices(struct ply_file *file)
         return no_memory(file);
     file->mesh->vertex_count = (uint32_t)element->count;
     if (ply_element_is_fixed(element, file->source.format))
-        return read_fixed_vertices(file, coordinates);
+        return read_fixed_vertices(file, file->coordinates);
     for (uint64_t row = 0; row < element->count && !status; row++)
-        status = read_row(file, element, row, coordinates, file->mesh->positions + 3 * row);
+        status = read_row(file, element, row, file->coordinates, file->mesh->positions + 3 * row);
     return status;
 }
 
@@ -212,8 +210,7 @@ static enum bvhd_status read_body(struct ply_file *file, struct ply_faces *faces
 static enum bvhd_status check_elements(struct ply_file *file)
 {
     uint64_t rows = 0;
-    int coordinates[3];
-    enum bvhd_status status = find_coordinates(file, coordinates);
+    enum bvhd_status status = find_coordinates(file);
     for (uint32_t i = 0; i < file->header.element_count && !status; i++) {
         const struct ply_element *element = &file->header.elements[i];
         if (is_faces(element) && !ply_faces_list(element, file->path, file->error))

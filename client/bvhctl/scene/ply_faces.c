@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "client/bvhctl/scene/ply_faces.h"
 
+#include <assert.h>
 #include <string.h>
 
 static const uint32_t restart = UINT32_MAX; /* -1 in a strip */
@@ -240,8 +241,7 @@ enum bvhd_status ply_faces_read(struct ply_faces *faces, const struct ply_elemen
 {
     bool is_strip = !strcmp(element->name, "tristrips");
     const struct ply_property *list = ply_faces_list(element, faces->path, faces->error);
-    if (!list)
-        return BVHD_UNSUPPORTED;
+    assert(list); /* elements without one were refused before anything was read */
     faces->first_face = faces->mesh->triangle_count;
     enum bvhd_status status = reserve_triangles(faces, is_strip ? 0 : element->count);
     for (uint64_t row = 0; row < element->count && !status; row++) {

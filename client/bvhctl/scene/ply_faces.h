@@ -31,7 +31,7 @@ void ply_faces_init(struct ply_faces *faces, struct ply_source *source, const ch
 const struct ply_property *ply_faces_list(const struct ply_element *element, const char *path,
                                           struct bvhd_error *error);
 
-/* Reads all rows of `face` or `tristrips`. Its number of rows was compared with the file. */
+/* Reads all rows of `face` or `tristrips`, which has a list. Its number of rows was compared with the file. */
 enum bvhd_status ply_faces_read(struct ply_faces *faces, const struct ply_element *element);
 
 /* Frees what was used for reading. The mesh keeps its triangles. */

@@ -3,6 +3,8 @@
 #include "tests/support/unit.h"
 
 #include <bvhd/bvhd_scene.h>
+#include <errno.h>
+#include <sys/mman.h>
 #include <sys/stat.h>
 
 #include "client/library.h"
@@ -147,6 +149,60 @@ static void damage_is_found_at_once_or_later(void **state)
     free(copy);
 }
 
+/* The numbers of errors that the next calls fail with; 0: they do not. */
+static int fstat_error, mmap_error;
+
+int __wrap_fstat64(int descriptor, struct stat64 *ret_status);
+int __real_fstat64(int descriptor, struct stat64 *ret_status);
+void *__wrap_mmap64(void *at, size_t size, int access, int flags, int descriptor, off64_t offset);
+void *__real_mmap64(void *at, size_t size, int access, int flags, int descriptor, off64_t offset);
+
+int __wrap_fstat64(int descriptor, struct stat64 *ret_status)
+{
+    errno = fstat_error;
+    return fstat_error ? -1 : __real_fstat64(descriptor, ret_status);
+}
+
+void *__wrap_mmap64(void *at, size_t size, int access, int flags, int descriptor, off64_t offset)
+{
+    errno = mmap_error;
+    return mmap_error ? MAP_FAILED : __real_mmap64(at, size, access, flags, descriptor, offset);
+}
+
+static void expect_status(enum bvhd_status expected)
+{
+    struct bvhd_scene *scene = NULL;
+    struct bvhd_error error = {0};
+    assert_int_equal(bvhd_scene_open("good.bvhd", 0, &scene, &error), expected);
+    if (expected != BVHD_OK)
+        assert_string_equal(error.where, "good.bvhd");
+    assert_null(bvhd_scene_get_structure(NULL, 0));
+    assert_int_equal(bvhd_scene_find(scene, NULL), UINT32_MAX);
+    assert_int_equal(bvhd_scene_find_top(scene, NULL), UINT32_MAX);
+    bvhd_scene_close(scene);
+    assert_int_equal(library_memory.live, 0);
+}
+
+static void calls_that_fail_are_reported(void **state)
+{
+    (void)state;
+    write_file("good.bvhd", made);
+    expect_status(BVHD_OK);
+    fstat_error = EIO;
+    expect_status(BVHD_IO);
+    fstat_error = 0;
+    mmap_error = ENOMEM;
+    expect_status(BVHD_NO_MEMORY);
+    mmap_error = EACCES;
+    expect_status(BVHD_IO);
+    mmap_error = 0;
+    struct bvhd_scene *scene = NULL;
+    library_memory.fail_after = 0;
+    assert_int_equal(bvhd_scene_open_bytes(made.data, made.size, 0, &scene, NULL), BVHD_NO_MEMORY);
+    library_memory.fail_after = -1;
+    expect_status(BVHD_OK);
+}
+
 static void without_memory(void **state)
 {
     enum bvhd_status status = BVHD_NO_MEMORY;
@@ -172,6 +228,7 @@ int main(void)
         cmocka_unit_test(arguments_are_checked),
         cmocka_unit_test(other_files_are_refused),
         cmocka_unit_test(damage_is_found_at_once_or_later),
+        cmocka_unit_test(calls_that_fail_are_reported),
         cmocka_unit_test(without_memory),
     };
     return cmocka_run_group_tests(tests, make, drop);

@@ -252,6 +252,54 @@ static void test_users_file(void **state)
     rmdir(folder);
 }
 
+/* Users other than root have the socket in their own folder, if that has a path and the path has room. */
+static void test_runtime_folder(void **state)
+{
+    struct config config;
+    struct bvhd_error error;
+    char long_path[CONFIG_PATH_SIZE + 10];
+    (void)state;
+    if (geteuid() == 0 && seteuid(54321) != 0)
+        skip();
+    setenv("XDG_RUNTIME_DIR", "/somewhere", 1);
+    assert_int_equal(parse(&config, &error, NULL), BVHD_OK);
+    assert_string_equal(config.socket, "/somewhere/bvhd.sock");
+    setenv("XDG_RUNTIME_DIR", "somewhere", 1);
+    assert_int_equal(parse(&config, &error, NULL), BVHD_OK);
+    assert_string_equal(config.socket, "/run/bvhd/bvhd.sock");
+    memset(long_path, '/', sizeof long_path);
+    long_path[sizeof long_path - 1] = '\0';
+    setenv("XDG_RUNTIME_DIR", long_path, 1);
+    assert_int_equal(parse(&config, &error, NULL), BVHD_OK);
+    assert_string_equal(config.socket, "/run/bvhd/bvhd.sock");
+    unsetenv("XDG_RUNTIME_DIR");
+    if (getuid() == 0)
+        assert_int_equal(seteuid(0), 0);
+}
+
+/* A file with a path longer than errors have room for is named by the end of the path. */
+static void test_long_name(void **state)
+{
+    struct config config;
+    struct bvhd_error error;
+    char folder[BVHD_WHERE_SIZE + 40], file[BVHD_WHERE_SIZE + 80];
+    (void)state;
+    assert_int_equal(parse(&config, &error, NULL), BVHD_OK);
+    int used = snprintf(folder, sizeof folder, "%s/", directory);
+    memset(folder + used, 'x', BVHD_WHERE_SIZE);
+    folder[used + BVHD_WHERE_SIZE] = '\0';
+    assert_int_equal(mkdir(folder, 0700), 0);
+    snprintf(file, sizeof file, "%s/f.conf", folder);
+    FILE *stream = fopen(file, "w");
+    assert_non_null(stream);
+    fputs("nonsense = 1\n", stream);
+    fclose(stream);
+    assert_int_equal(config_read_file(file, &config, &error), BVHD_INVALID);
+    assert_non_null(strstr(error.where, "xxx/f.conf:1"));
+    unlink(file);
+    rmdir(folder);
+}
+
 /* A file that never ends, or for whose writer the reader would wait, is refused at once. */
 static void test_other_files(void **state)
 {
@@ -267,12 +315,31 @@ static void test_other_files(void **state)
     unlink(path);
 }
 
+static void test_corners_of_values(void **state)
+{
+    struct config config, other;
+    struct bvhd_error error;
+    char long_path[CONFIG_PATH_SIZE + 1];
+    (void)state;
+    memset(long_path, 'x', sizeof long_path);
+    long_path[sizeof long_path - 1] = '\0';
+    REFUSED(BVHD_INVALID, "--socket", "--socket", long_path);
+    REFUSED(BVHD_INVALID, "--socket", "--socket", "");
+    assert_int_equal(parse(&config, &error, "--drain-timeout", "0.0001", NULL), BVHD_OK);
+    assert_int_equal(config.drain_ms, 1);
+    assert_int_equal(parse(&other, &error, "--drain-timeout", "0", NULL), BVHD_OK);
+    assert_int_equal(other.drain_ms, 0);
+    assert_null(config_fixed_difference(&config, &other));
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_defaults),    cmocka_unit_test(test_command_line), cmocka_unit_test(test_usage),
-        cmocka_unit_test(test_file),        cmocka_unit_test(test_broken_files), cmocka_unit_test(test_users_file),
-        cmocka_unit_test(test_other_files),
+        cmocka_unit_test(test_defaults),     cmocka_unit_test(test_command_line),
+        cmocka_unit_test(test_usage),        cmocka_unit_test(test_file),
+        cmocka_unit_test(test_broken_files), cmocka_unit_test(test_users_file),
+        cmocka_unit_test(test_other_files),  cmocka_unit_test(test_runtime_folder),
+        cmocka_unit_test(test_long_name),    cmocka_unit_test(test_corners_of_values),
     };
     return cmocka_run_group_tests(tests, make_directory, remove_directory);
 }

@@ -336,6 +336,22 @@ static void padding_is_zero(void **state)
     free(copy);
 }
 
+/* Moves what follows the structures 64 bytes further. */
+static void nothing_is_between_structures_and_directory(void **state)
+{
+    (void)state;
+    uint64_t directory = bytes_get64(made.data + HEADER_DIRECTORY), size = made.size + CONTAINER_ALIGN;
+    unsigned char *copy = aligned_alloc(CONTAINER_ALIGN, bytes_align(size, CONTAINER_ALIGN));
+    assert_non_null(copy);
+    memcpy(copy, made.data, directory);
+    memset(copy + directory, 0, CONTAINER_ALIGN);
+    memcpy(copy + directory + CONTAINER_ALIGN, made.data + directory, made.size - directory);
+    bytes_put64(copy + HEADER_DIRECTORY, directory + CONTAINER_ALIGN);
+    bytes_put64(copy + HEADER_SIZE, size);
+    expect_refusal(copy, size, "container.directory");
+    free(copy);
+}
+
 static void failures_leave_nothing_behind(void **state)
 {
     struct memory memory;
@@ -416,6 +432,7 @@ int main(void)
         cmocka_unit_test(wrong_rows_are_refused),
         cmocka_unit_test(wrong_texts_are_refused),
         cmocka_unit_test(padding_is_zero),
+        cmocka_unit_test(nothing_is_between_structures_and_directory),
         cmocka_unit_test(failures_leave_nothing_behind),
         cmocka_unit_test(many_structures),
     };

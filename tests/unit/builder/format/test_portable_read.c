@@ -110,9 +110,11 @@ static void headers_are_checked(void **state)
     SPOIL(&s, h->body_size, h->body_size - 16, "body.bodySize");
     SPOIL(&s, h->node_offset, h->node_offset + 16, "body.nodeOffset");
     SPOIL(&s, h->node_offset, 64, "body.nodeOffset");
-    SPOIL(&s, h->node_count, 0xffffffff, "body.nodeOffset");
+    SPOIL(&s, h->node_count, 0xffffffff, "body.nodeCount");
+    SPOIL(&s, h->node_count, 0x20000000, "body.nodeOffset");
     SPOIL(&s, h->record_offset, h->record_offset - 16, "body.recordOffset");
-    SPOIL(&s, h->record_count, 0xffffffff, "body.recordOffset");
+    SPOIL(&s, h->record_count, 0xffffffff, "body.nodeCount");
+    SPOIL(&s, h->record_count, 0x20000000, "body.recordOffset");
     SPOIL(&s, h->vertex_offset, h->vertex_offset + 8, "body.vertexOffset");
     SPOIL(&s, h->vertex_offset, UINT64_MAX - 15, "body.vertexOffset");
     SPOIL(&s, h->vertex_count, h->vertex_count + 2, "body.geometryOffset");

@@ -2,6 +2,8 @@
 /* test_entry_header.c - tests that a header is read as it was written, and refused when any field of it is wrong. */
 #include "tests/support/unit.h"
 
+#include <xxhash.h>
+
 #include "builder/store/entry_header.h"
 
 enum { SUMMARY = 40, PAYLOAD = 1000, FILE_SIZE = ENTRY_HEADER + SUMMARY + PAYLOAD };
@@ -31,6 +33,31 @@ static enum bvhd_status read_file(uint64_t head, uint64_t size, const char *wher
         assert_int_equal(entry.size, 12345);
     }
     return status;
+}
+
+static bool no_state;
+
+XXH3_state_t *__wrap_XXH3_createState(void);
+XXH3_state_t *__real_XXH3_createState(void);
+
+XXH3_state_t *__wrap_XXH3_createState(void)
+{
+    return no_state ? NULL : __real_XXH3_createState();
+}
+
+static void a_hash_without_memory_is_none(void **state)
+{
+    (void)state;
+    struct entry_hash hash;
+    write_file(SUMMARY, PAYLOAD);
+    no_state = true;
+    assert_false(entry_hash_begin(&hash, file));
+    no_state = false;
+    assert_true(entry_hash_begin(&hash, file));
+    struct entry_checksum first = entry_hash_get(&hash);
+    entry_hash_add(&hash, (struct bytes){file, 1});
+    assert_true(entry_hash_get(&hash).low != first.low);
+    entry_hash_finish(&hash);
 }
 
 static void a_header_is_read_as_it_was_written(void **state)
@@ -126,11 +153,9 @@ static void the_hash_covers_every_byte_but_itself(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(a_header_is_read_as_it_was_written),
-        cmocka_unit_test(every_truncation_is_refused),
-        cmocka_unit_test(every_field_is_looked_at),
-        cmocka_unit_test(a_summary_has_a_most),
-        cmocka_unit_test(the_hash_covers_every_byte_but_itself),
+        cmocka_unit_test(a_hash_without_memory_is_none), cmocka_unit_test(a_header_is_read_as_it_was_written),
+        cmocka_unit_test(every_truncation_is_refused),   cmocka_unit_test(every_field_is_looked_at),
+        cmocka_unit_test(a_summary_has_a_most),          cmocka_unit_test(the_hash_covers_every_byte_but_itself),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

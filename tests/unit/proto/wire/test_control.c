@@ -529,6 +529,7 @@ static void the_largest_messages_fit(void **state)
     assert_int_equal(PACK(build, &build), BVHD_TOO_LARGE);
     assert_int_equal(PACK(get, (&(struct control_get){CONTROL_MAX_ITEMS + 1, NULL})), BVHD_TOO_LARGE);
     assert_int_equal(PACK(items, (&(struct control_items){CONTROL_MAX_ITEMS + 1, NULL})), BVHD_TOO_LARGE);
+    assert_int_equal(PACK(progress, (&(struct control_progress){CONTROL_MAX_ITEMS + 1, NULL, NULL})), BVHD_TOO_LARGE);
     free(items);
     assert_int_equal(memory.live, 0);
 }

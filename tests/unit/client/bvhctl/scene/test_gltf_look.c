@@ -130,19 +130,123 @@ static void test_mistakes(void **state)
          "TEXCOORD_0 of 3 vertices"},
         {",'NORMAL':2", "", "", "NORMAL of 3 vertices"},
         {",'COLOR_0':99", "", "", "COLOR_0"},
+        {",'TEXCOORD_0':2", "'pbrMetallicRoughness':{'baseColorTexture':{'index':0,'texCoord':-1}}",
+         ",'textures':[{'source':0}],'images':[{'uri':'two%20by%20two.png'}]", "texCoord"},
+        {",'TEXCOORD_0':2",
+         "'pbrMetallicRoughness':{'baseColorTexture':{'index':0,'extensions':{'KHR_texture_transform':{'offset':['a',0]"
+         "}}}}",
+         ",'textures':[{'source':0}],'images':[{'uri':'two%20by%20two.png'}]", "offset[0]"},
+        {",'TEXCOORD_0':2",
+         "'pbrMetallicRoughness':{'baseColorTexture':{'index':0,'extensions':{'KHR_texture_transform':{'scale':['a',0],"
+         "'rotation':'a'}}}}",
+         ",'textures':[{'source':0}],'images':[{'uri':'two%20by%20two.png'}]", "scale[0]"},
+        {",'TEXCOORD_0':2", TEXTURED, ",'textures':[{'source':0}],'images':[{'bufferView':0}]", "neither PNG nor JPEG"},
     };
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
         struct memory memory;
         struct import import;
         read_scene(cases[i].attributes, cases[i].material, cases[i].textures, &memory, &import);
         assert_int_equal(import.triangle_count, 1);
-        assert_false(import.meshes[0].look.has_image);
         assert_int_equal(import.looks_left_out, 1);
         char text[512];
         snprintf(text, sizeof text, "%s: %s", import.look_error.where, import.look_error.text);
         if (!strstr(text, cases[i].text))
             fail_msg("'%s' does not say '%s'", text, cases[i].text);
         finish(&import, &memory);
+    }
+}
+
+/* Images within the file, coordinates without the last component, and factors and colours that are out of range. */
+static void test_values(void **state)
+{
+    (void)state;
+    static const char png[] =
+        "'data:image/png;base64,iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR4nGP4z8DwHwAFAAH/"
+        "iZk9HQAAAABJRU5ErkJggg=='";
+    struct memory memory;
+    struct import import;
+    char images[400];
+    snprintf(images, sizeof images,
+             ",'textures':[{'source':0,'sampler':0}],'samplers':[{'magFilter':'a'}],"
+             "'images':[{'uri':%s}]",
+             png);
+    read_scene(",'TEXCOORD_0':2,'COLOR_0':1",
+               "'alphaMode':'BLEND','pbrMetallicRoughness':{'baseColorFactor':[-1,2,0.5,0.5],"
+               "'baseColorTexture':{'index':0}}",
+               images, &memory, &import);
+    const struct import_look *look = &import.meshes[0].look;
+    assert_int_equal(import.looks_left_out, 0);
+    assert_true(look->has_image && !look->is_pixelated && import.images[look->image].rgba[0] == 255);
+    assert_true(look->factor[0] == 0 && look->factor[1] == 1 && look->factor[2] == 0.5f && look->factor[3] == 1);
+    assert_true(look->cutoff == 0.5f);
+    assert_true(look->colours[3] == 1 && look->colours[7] == 1 && look->colours[11] == 1); /* no alpha: 1 */
+    assert_true(look->colours[4] == 0 && look->colours[5] == 0 && look->colours[6] == 1);
+    finish(&import, &memory);
+    read_scene(",'TEXCOORD_0':2,'NORMAL':0",
+               "'alphaMode':'BLEND','extensions':{'KHR_materials_pbrSpecularGlossiness':{'diffuseFactor':[1,1,1,0.5]}}",
+               "", &memory, &import);
+    look = &import.meshes[0].look;
+    assert_true(!look->has_image && look->cutoff == 0 && look->factor[3] == 1);
+    assert_true(look->normals[0] == 0 && look->normals[1] == 0 && look->normals[2] == 0); /* it had no length */
+    finish(&import, &memory);
+    read_scene("", "'alphaMode':'OPAQUE'", "", &memory, &import);
+    assert_true(import.meshes[0].look.cutoff == 0);
+    finish(&import, &memory);
+    read_scene("", "'alphaMode':'MASK','alphaCutoff':-1", "", &memory, &import);
+    assert_true(import.meshes[0].look.cutoff == 0);
+    finish(&import, &memory);
+    read_scene("", "'alphaMode':'MASK'", "", &memory, &import);
+    assert_true(import.meshes[0].look.cutoff == 0.5f);
+    finish(&import, &memory);
+}
+
+/* Images beyond the number of those that are read are left out. */
+static void test_too_many_images(void **state)
+{
+    (void)state;
+    enum { MOST = 1 << 16 };
+    static char text[8 * MOST + 1000];
+    struct memory memory;
+    struct import import;
+    memory_init(&memory, UINT64_MAX);
+    int used = snprintf(text, sizeof text,
+                        "{'asset':{'version':'2.0'},'nodes':[{'mesh':0}],'buffers':[{'byteLength':36,"
+                        "'uri':'v.bin'}],'bufferViews':[{'buffer':0,'byteLength':36}],'accessors':[{'bufferView':0,"
+                        "'componentType':5126,'count':3,'type':'VEC3'}],'meshes':[{'primitives':[{'attributes':"
+                        "{'POSITION':0,'TEXCOORD_0':0},'material':0}]}],'materials':[{" TEXTURED "}],"
+                        "'textures':[{'source':%d}],'images':[{}",
+                        MOST);
+    for (int i = 0; i < MOST; i++)
+        used += snprintf(text + used, sizeof text - (size_t)used, ",{}");
+    snprintf(text + used, sizeof text - (size_t)used, "]}");
+    for (char *at = text; *at; at++)
+        *at = *at == '\'' ? '"' : *at;
+    write_file("m.gltf", text, strlen(text));
+    assert_int_equal(import_read_with_looks("m.gltf", NULL, &memory, &import, NULL), BVHD_OK);
+    assert_true(import.image_count <= MOST && !import.meshes[0].look.has_image);
+    import_finish(&import);
+    assert_int_equal(memory.live, 0);
+}
+
+/* Each allocation fails once: the scene is refused, or something is left out, and nothing is held. */
+static void test_no_memory(void **state)
+{
+    (void)state;
+    struct memory memory;
+    struct import import;
+    read_scene(ALL, TEXTURED, ",'textures':[{'source':0}],'images':[{'uri':'two%20by%20two.png'}]", &memory, &import);
+    finish(&import, &memory);
+    bool is_whole = false;
+    for (int64_t after = 0; !is_whole; after++) {
+        memory_init(&memory, UINT64_MAX);
+        atomic_store(&memory.fail_after, after);
+        enum bvhd_status status = import_read_with_looks("s.gltf", NULL, &memory, &import, NULL);
+        assert_true(status == BVHD_OK || status == BVHD_NO_MEMORY);
+        is_whole = status == BVHD_OK && import.looks_left_out == 0 && import.meshes[0].look.has_image;
+        if (status == BVHD_OK)
+            import_finish(&import);
+        assert_int_equal(memory.live, 0);
+        assert_true(after < 300);
     }
 }
 
@@ -163,9 +267,8 @@ static void test_on_demand(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_everything),
-        cmocka_unit_test(test_transform),
-        cmocka_unit_test(test_mistakes),
+        cmocka_unit_test(test_everything), cmocka_unit_test(test_transform),       cmocka_unit_test(test_mistakes),
+        cmocka_unit_test(test_values),     cmocka_unit_test(test_too_many_images), cmocka_unit_test(test_no_memory),
         cmocka_unit_test(test_on_demand),
     };
     return cmocka_run_group_tests_name("gltf_look", tests, make_files, scratch_remove);

@@ -95,6 +95,12 @@ static void test_hostile(void **state)
                    "structures[0].source_scene");
     expect_corrupt(ENTRY("\"a\"", "\"tlas\"", ",\"handles\":[],\"source_scene\":{\"number\":1}"),
                    "structures[0].source_scene");
+    expect_corrupt(ENTRY("\"a\"", "\"tlas\"", ",\"handles\":[],\"source_scene\":{\"number\":5e9,\"name\":\"\"}"),
+                   "structures[0].source_scene");
+    expect_corrupt(ENTRY("\".\"", "\"blas\"", ""), "structures[0].file");
+    expect_corrupt("{\"schema\":1,\"structures\":[{\"file\":\"a\",\"type\":\"blas\",\"scene\":\"s\",\"name\":\"n\","
+                   "\"target\":\"portable\",\"geometries\":7}]}",
+                   "structures[0].geometries");
     expect_corrupt(ENTRY("\"a\"", "\"tlas\"", ""), "structures[0].handles");
     expect_corrupt(ENTRY("\"a\"", "\"tlas\"", ",\"handles\":[3]"), "structures[0].handles");
     expect_corrupt(ENTRY("\"a\"", "\"tlas\"", ",\"handles\":[\"b\",\"../c\"]"), "structures[0].handles");
@@ -120,6 +126,47 @@ static void test_find_top(void **state)
     assert_null(manifest_find_top(&manifest, NULL, "1"));
     manifest_finish(&manifest);
     assert_int_equal(memory.live, 0);
+}
+
+/* What only some manifests say: sizes, the files of scenes, and scenes without a name. What cannot be is left out. */
+static void test_optional_members(void **state)
+{
+    (void)state;
+#define FILES(file, path) "{\"file\":" file ",\"files\":[{\"path\":" path "}]}"
+    static const char text[] =
+        "{\"schema\":1,\"structures\":["
+        "{\"file\":\"a\",\"type\":\"tlas\",\"scene\":\"s\",\"name\":\"n\",\"target\":\"portable\",\"geometries\":[],"
+        "\"handles\":[],\"bytes\":12,\"source_scene\":{\"number\":3,\"name\":\"\"}},"
+        "{\"file\":\"b\",\"type\":\"blas\",\"scene\":\"s\",\"name\":\"n\",\"target\":\"portable\",\"bytes\":-1,"
+        "\"geometries\":[{\"color\":[\"a\",0,0]},{\"color\":[-1,0,0]},{\"color\":7}]},"
+        "{\"file\":\"c\",\"type\":\"blas\",\"scene\":\"s\",\"name\":\"n\",\"target\":\"portable\",\"bytes\":1e16,"
+        "\"geometries\":[]}],"
+        "\"scenes\":[" FILES("7", "\"x.gltf\"") "," FILES("\"a\"", "7") "," FILES("\"a\"", "\"../x.gltf\"") "," FILES(
+            "\"a\"", "\"x.gltf\"") "," FILES("\"a\"", "\"y.gltf\"") "]}";
+    struct memory memory;
+    struct manifest manifest;
+    struct bvhd_error error = {0};
+    if (read_text(text, &memory, &manifest, &error) != BVHD_OK)
+        fail_msg("%s: %s", error.where, error.text);
+    assert_int_equal(manifest.count, 3);
+    assert_string_equal(manifest.entries[0].source_file, "x.gltf");
+    assert_null(manifest.entries[0].source_name);
+    assert_null(manifest.entries[1].source_file);
+    for (int i = 0; i < 3; i++)
+        assert_true(manifest.entries[1].colours[i].rgb[0] < 0);
+    assert_ptr_equal(manifest_find_top(&manifest, NULL, "3"), &manifest.entries[0]);
+    assert_null(manifest_find_top(&manifest, NULL, "night"));
+    manifest_finish(&manifest);
+    enum bvhd_status status = BVHD_NO_MEMORY;
+    for (int64_t after = 0; status != BVHD_OK; after++) {
+        atomic_store(&memory.fail_after, after);
+        status = manifest_read(scratch_folder, &memory, &manifest, NULL);
+        assert_true((status == BVHD_OK || status == BVHD_NO_MEMORY) && after < 100);
+        if (status == BVHD_OK)
+            manifest_finish(&manifest);
+        assert_int_equal(memory.live, 0);
+    }
+    manifest_finish(NULL);
 }
 
 /* Several files may have a scene of that name: the name of the file decides, and without it there is no answer. */
@@ -225,6 +272,7 @@ int main(void)
         cmocka_unit_test(test_read),
         cmocka_unit_test(test_hostile),
         cmocka_unit_test(test_find_top),
+        cmocka_unit_test(test_optional_members),
         cmocka_unit_test(test_find_top_of_file),
         cmocka_unit_test(test_deep_nesting),
         cmocka_unit_test(test_every_cut),

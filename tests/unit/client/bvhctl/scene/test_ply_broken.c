@@ -6,6 +6,7 @@
 #include "tests/support/unit.h"
 
 #include "client/bvhctl/scene/ply.h"
+#include "client/bvhctl/scene/ply_source.h"
 #include "tests/support/random.h"
 #include "tests/support/scene/ply_file.h"
 
@@ -203,11 +204,115 @@ static void test_no_memory(void **state)
     }
 }
 
+/* A file that cannot be read to its end, or at other places. */
+struct stream {
+    const char *bytes;
+    size_t size, at;
+    bool has_seek;
+};
+
+static ssize_t read_stream(void *cookie, char *buffer, size_t size)
+{
+    struct stream *stream = cookie;
+    size_t left = stream->size - stream->at, got = size < left ? size : left;
+    if (left == 0)
+        return -1;
+    memcpy(buffer, stream->bytes + stream->at, got);
+    stream->at += got;
+    return (ssize_t)got;
+}
+
+static int seek_stream(void *cookie, off64_t *offset, int whence)
+{
+    struct stream *stream = cookie;
+    if (!stream->has_seek || whence != SEEK_SET || *offset > (off64_t)stream->size)
+        return -1;
+    stream->at = (size_t)*offset;
+    return 0;
+}
+
+/* Reads a stream of which `size` bytes are said to be there. */
+static void expect_stream(struct stream stream, uint64_t size, enum bvhd_status expected, const char *text)
+{
+    struct memory memory;
+    struct import import;
+    struct bvhd_error error = {0};
+    FILE *file = fopencookie(&stream, "rb", (cookie_io_functions_t){.read = read_stream, .seek = seek_stream});
+    assert_non_null(file);
+    memory_init(&memory, UINT64_MAX);
+    assert_int_equal(ply_import_stream(file, size, "x.ply", &memory, &import, &error), expected);
+    if (!strstr(error.text, text))
+        fail_msg("'%s' instead of '%s'", error.text, text);
+    fclose(file);
+    assert_int_equal(memory.live, 0);
+}
+
+#define LIST "property list uchar int vertex_indices\n"
+#define TRIANGLE "0 0 0\n1 0 0\n0 1 0\n"
+
+static void test_streams(void **state)
+{
+    (void)state;
+    static const char whole[] = HEAD POINTS "element face 1\n" LIST "end_header\n" TRIANGLE "3 0 1 2\n";
+    static const char late[] = HEAD "element face 1\n" LIST POINTS "end_header\n3 0 1 2\n" TRIANGLE;
+    static const char cut[] =
+        "ply\nformat binary_little_endian 1.0\n" POINTS "element face 1\n" LIST "end_header\n1234";
+    expect_stream((struct stream){whole, sizeof whole - 1, 0, true}, sizeof whole - 1, BVHD_IO, "it cannot be read");
+    expect_stream((struct stream){late, sizeof late - 1, 0, false}, sizeof late - 1, BVHD_IO,
+                  "it cannot be read twice");
+    expect_stream((struct stream){cut, sizeof cut - 1, 0, true}, sizeof cut + 100, BVHD_INVALID, "vertex 0");
+}
+
+/* Files with more vertices or faces than numbers of 32 bits count. They would be some 60 GB large. */
+static void test_huge_counts(void **state)
+{
+    (void)state;
+    static const char vertices[] = "ply\nformat binary_little_endian 1.0\nelement vertex 4294967295\nproperty float x\n"
+                                   "property float y\nproperty float z\nelement face 1\n" LIST "end_header\n";
+    static const char faces[] = "ply\nformat binary_little_endian 1.0\nelement vertex 0\nproperty float x\n"
+                                "property float y\nproperty float z\nelement face 1431655766\n" LIST "end_header\n";
+    expect_stream((struct stream){vertices, sizeof vertices - 1, 0, true}, UINT64_C(1) << 40, BVHD_UNSUPPORTED,
+                  "more than 4294967294 vertices");
+    expect_stream((struct stream){faces, sizeof faces - 1, 0, true}, UINT64_C(1) << 40, BVHD_UNSUPPORTED,
+                  "more than 1431655765 triangles");
+}
+
+/* Names have a limit, and numbers of rows digits. */
+static void test_long_words(void **state)
+{
+    (void)state;
+    char text[1000];
+    snprintf(text, sizeof text, HEAD "element vertex 3\nproperty float %0300d\nend_header\n", 0);
+    expect_text(text, "more than 63 characters");
+    snprintf(text, sizeof text, HEAD "element vertex %019d\n", 1);
+    expect_text(text, "");
+}
+
+/* What has never been read cannot be skipped, either. */
+static void test_skipping(void **state)
+{
+    (void)state;
+    static struct ply_source source;
+    char bytes[] = "0123456789";
+    FILE *file = fmemopen(bytes, 10, "rb");
+    assert_non_null(file);
+    ply_source_init(&source, file, 10);
+    assert_false(ply_source_skip(&source, 11));
+    assert_false(ply_source_seek(&source, 11, 1));
+    assert_true(ply_source_skip(&source, 10));
+    assert_int_equal(ply_source_left(&source), 0);
+    source.format = PLY_LITTLE_ENDIAN;
+    assert_false(ply_source_skip_values(&source, PLY_FLOAT64, 1));
+    fclose(file);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_headers),   cmocka_unit_test(test_limits),    cmocka_unit_test(test_bodies),
-        cmocka_unit_test(test_truncated), cmocka_unit_test(test_mutations), cmocka_unit_test(test_no_memory),
+        cmocka_unit_test(test_headers),    cmocka_unit_test(test_limits),      cmocka_unit_test(test_bodies),
+        cmocka_unit_test(test_truncated),  cmocka_unit_test(test_mutations),   cmocka_unit_test(test_no_memory),
+        cmocka_unit_test(test_streams),    cmocka_unit_test(test_huge_counts), cmocka_unit_test(test_skipping),
+        cmocka_unit_test(test_long_words),
     };
     return cmocka_run_group_tests_name("ply_broken", tests, NULL, NULL);
 }
