@@ -315,6 +315,49 @@ static void test_other_files(void **state)
     unlink(path);
 }
 
+/* The call of opening a file that fails. */
+static enum { NO_CALL, CALL_FSTAT, CALL_FDOPEN, CALL_READ } failing;
+
+int __wrap_fstat64(int descriptor, struct stat64 *ret_status);
+int __real_fstat64(int descriptor, struct stat64 *ret_status);
+FILE *__wrap_fdopen(int descriptor, const char *mode);
+FILE *__real_fdopen(int descriptor, const char *mode);
+
+int __wrap_fstat64(int descriptor, struct stat64 *ret_status)
+{
+    return failing == CALL_FSTAT ? -1 : __real_fstat64(descriptor, ret_status);
+}
+
+static ssize_t read_nothing(void *cookie, char *buffer, size_t size)
+{
+    (void)cookie, (void)buffer, (void)size;
+    return -1;
+}
+
+FILE *__wrap_fdopen(int descriptor, const char *mode)
+{
+    if (failing == CALL_FDOPEN)
+        return NULL;
+    if (failing != CALL_READ)
+        return __real_fdopen(descriptor, mode);
+    close(descriptor);
+    return fopencookie(NULL, mode, (cookie_io_functions_t){.read = read_nothing});
+}
+
+static void test_calls_that_fail(void **state)
+{
+    (void)state;
+    write_file("max-connections = 7\n");
+    failing = CALL_FSTAT;
+    REFUSED(BVHD_IO, path, "--config", path);
+    failing = CALL_FDOPEN;
+    REFUSED(BVHD_NO_MEMORY, path, "--config", path);
+    failing = CALL_READ;
+    REFUSED(BVHD_IO, path, "--config", path);
+    failing = NO_CALL;
+    unlink(path);
+}
+
 static void test_corners_of_values(void **state)
 {
     struct config config, other;
@@ -332,14 +375,37 @@ static void test_corners_of_values(void **state)
     assert_null(config_fixed_difference(&config, &other));
 }
 
+/* A user's folder whose path is too long, and a home without the file, have no file. */
+static void test_users_folders(void **state)
+{
+    static struct config config;
+    struct bvhd_error error;
+    char long_path[CONFIG_PATH_SIZE + 10], *home = getenv("HOME") ? strdup(getenv("HOME")) : NULL;
+    (void)state;
+    memset(long_path, '/', sizeof long_path);
+    long_path[sizeof long_path - 1] = '\0';
+    setenv("XDG_CONFIG_HOME", long_path, 1);
+    assert_int_equal(parse(&config, &error, "--user-config", NULL), BVHD_OK);
+    assert_string_equal(config.file, "");
+    unsetenv("XDG_CONFIG_HOME");
+    setenv("HOME", directory, 1);
+    assert_int_equal(parse(&config, &error, "--user-config", NULL), BVHD_OK);
+    assert_string_equal(config.file, "");
+    if (home)
+        setenv("HOME", home, 1);
+    free(home);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_defaults),     cmocka_unit_test(test_command_line),
-        cmocka_unit_test(test_usage),        cmocka_unit_test(test_file),
-        cmocka_unit_test(test_broken_files), cmocka_unit_test(test_users_file),
-        cmocka_unit_test(test_other_files),  cmocka_unit_test(test_runtime_folder),
-        cmocka_unit_test(test_long_name),    cmocka_unit_test(test_corners_of_values),
+        cmocka_unit_test(test_defaults),      cmocka_unit_test(test_command_line),
+        cmocka_unit_test(test_usage),         cmocka_unit_test(test_file),
+        cmocka_unit_test(test_broken_files),  cmocka_unit_test(test_users_file),
+        cmocka_unit_test(test_other_files),   cmocka_unit_test(test_runtime_folder),
+        cmocka_unit_test(test_long_name),     cmocka_unit_test(test_corners_of_values),
+        cmocka_unit_test(test_users_folders), cmocka_unit_test(test_calls_that_fail),
+
     };
     return cmocka_run_group_tests(tests, make_directory, remove_directory);
 }
