@@ -8,7 +8,7 @@ static void *read_again(void *argument)
 {
     struct reload *reload = argument;
     reload->status = config_reload(reload->config, &reload->fresh, &reload->error);
-    uv_async_send(&reload->ended);
+    wakeup_send(&reload->ended);
     return NULL;
 }
 
@@ -35,9 +35,9 @@ enum bvhd_status reload_begin(struct reload *reload, struct bvhd_error *error)
     return BVHD_OK;
 }
 
-static void on_ended(uv_async_t *async)
+static void on_ended(void *context)
 {
-    struct reload *reload = async->data;
+    struct reload *reload = context;
     if (!reload->runs)
         return;
     pthread_join(reload->thread, NULL);
@@ -49,8 +49,7 @@ static void on_ended(uv_async_t *async)
 
 bool reload_init(struct reload *reload, uv_loop_t *loop)
 {
-    reload->ended.data = reload;
-    return uv_async_init(loop, &reload->ended, on_ended) == 0;
+    return wakeup_init(&reload->ended, loop, on_ended, reload);
 }
 
 void reload_finish(struct reload *reload)

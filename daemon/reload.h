@@ -7,9 +7,9 @@
 #define BVHD_RELOAD_H
 
 #include <pthread.h>
-#include <uv.h>
 
 #include "daemon/config.h"
+#include "daemon/system/wakeup.h"
 
 /* Zeroed: nothing was begun. */
 struct reload {
@@ -18,7 +18,7 @@ struct reload {
     void (*done)(void *context, enum bvhd_status status, const struct config *fresh, const struct bvhd_error *error);
     void *context;
     /* ---- its own ---- */
-    uv_async_t ended;
+    struct wakeup ended;
     pthread_t thread;
     bool runs, again;
     enum bvhd_status status;
@@ -26,7 +26,7 @@ struct reload {
     struct bvhd_error error;
 };
 
-/* Returns false when the loop has no descriptor for it. The loop closes its handle. */
+/* Returns false when there is no descriptor for it. The caller ends `ended` after the loop (wakeup.h). */
 bool reload_init(struct reload *reload, uv_loop_t *loop);
 
 /*

@@ -14,6 +14,7 @@
 #include "daemon/socket/metrics.h"
 #include "daemon/system/heap.h"
 #include "daemon/system/notify.h"
+#include "daemon/system/wakeup.h"
 #include "daemon/pool/turns.h"
 #include "daemon/pool/watchdog.h"
 
@@ -23,7 +24,7 @@ enum { TRIM_MS = 2000, OTHER_THREADS = 4 };
 struct server {
     struct config *config;
     uv_loop_t loop;
-    uv_async_t collect;
+    struct wakeup collect;
     uv_signal_t terminate, interrupt, hang_up;
     uv_timer_t alive, idle, drain, trim;
     struct listener listener;
@@ -40,12 +41,12 @@ struct server {
 static void wake_loop(void *context)
 {
     struct server *server = context;
-    uv_async_send(&server->collect);
+    wakeup_send(&server->collect);
 }
 
-static void on_collect(uv_async_t *async)
+static void on_collect(void *context)
 {
-    struct server *server = async->data;
+    struct server *server = context;
     if (server->service)
         service_collect(server->service);
 }
@@ -199,14 +200,15 @@ static void init_handles(struct server *server)
     uv_timer_init(loop, &server->idle);
     uv_timer_init(loop, &server->drain);
     uv_timer_init(loop, &server->trim);
-    server->collect.data = server->terminate.data = server->interrupt.data = server->hang_up.data = server;
+    server->terminate.data = server->interrupt.data = server->hang_up.data = server;
     server->alive.data = server->idle.data = server->drain.data = server->trim.data = server;
 }
 
 /* Opens the descriptors of the loop and the socket first, because the service counts those that are open. */
 static enum bvhd_status open_service(struct server *server, struct bvhd_error *error)
 {
-    if (uv_async_init(&server->loop, &server->collect, on_collect) || !reload_init(&server->reload, &server->loop))
+    if (!wakeup_init(&server->collect, &server->loop, on_collect, server) ||
+        !reload_init(&server->reload, &server->loop))
         return bvhd_error_set(error, BVHD_IO, "start", "the event loop cannot be woken");
     init_handles(server);
     uv_signal_start(&server->terminate, on_signal, SIGTERM);
@@ -308,6 +310,8 @@ static void finish(struct server *server)
     server->service = NULL;
     uv_walk(&server->loop, close_handle, NULL);
     uv_run(&server->loop, UV_RUN_DEFAULT);
+    wakeup_finish(&server->collect);
+    wakeup_finish(&server->reload.ended);
     int left = uv_loop_close(&server->loop);
     assert(left == 0);
     (void)left;
