@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * hostile_limits.c - tests a daemon at its limits: without free descriptors, with too many connections, with other
- * versions of the protocol, and with frames of future versions.
+ * versions of the protocol, with frames of future versions, and with events that would fill its log.
  *
  *     hostile_limits BVHD
  */
@@ -179,11 +179,128 @@ static void check_future(void)
     raw_close(&client);
 }
 
+/* ---- the log ---- */
+
+enum { CONNECTIONS = 64, FLOOD = 200, LOG_REST_MS = 1100 /* after which an event is logged again */ };
+
+/* An event that clients can cause at will, and how often these have caused it. */
+struct flood {
+    const char *event;
+    uint32_t caused;
+};
+
+/* Returns how many lines the log has for the event, or in all for NULL. *ret_events is how many events they tell of. */
+static uint32_t lines_in_log(const char *event, uint32_t *ret_events)
+{
+    char line[4096], name[64];
+    uint32_t lines = 0;
+    FILE *file = fopen(hostile.service.log, "r");
+    snprintf(name, sizeof name, " event=%s ", event ? event : "");
+    while (file && fgets(line, sizeof line, file)) {
+        const char *suppressed = strstr(line, " suppressed=");
+        if (event && !strstr(line, name))
+            continue;
+        lines++;
+        *ret_events += 1 + (suppressed ? (uint32_t)atoi(suppressed + strlen(" suppressed=")) : 0);
+    }
+    if (file)
+        fclose(file);
+    return lines;
+}
+
+/* A client that sends no frames is turned away: the daemon has no room for it, or says that it breaks the protocol. */
+static enum bvhd_status be_turned_away(struct flood *refused, struct flood *failed)
+{
+    struct raw_client client;
+    struct bvhd_error error = {0};
+    if (!raw_connect(&client, hostile.service.socket))
+        exit(1);
+    raw_send(&client, "this is no frame", 16, NULL, 0);
+    hostile_expect(raw_await_close(&client, 5000, &error), "a client that sends no frames is not turned away");
+    raw_close(&client);
+    refused->caused += error.status == BVHD_BUSY;
+    failed->caused += error.status == BVHD_CORRUPT;
+    return error.status;
+}
+
+/* Opens connections until there is no room. Each has begun a frame, so that none has to make room for others. */
+static int fill_connections(struct raw_client clients[CONNECTIONS], struct flood *refused)
+{
+    int count = 0;
+    while (count < CONNECTIONS && raw_connect(&clients[count], hostile.service.socket)) {
+        if (!raw_try_hello(&clients[count])) {
+            raw_close(&clients[count]);
+            refused->caused++;
+            break;
+        }
+        raw_send(&clients[count++], "BVHD", 4, NULL, 0);
+    }
+    return count;
+}
+
+static void ask_for_the_unknown(struct raw_client *client, struct flood *unknown)
+{
+    struct frame frame;
+    struct raw_frame request = {.header = {.type = 40, .request = ++client->last_request}};
+    raw_send_frame(client, &request);
+    unknown->caused += raw_await(client, FRAME_ERROR, 5000, &frame);
+}
+
+/* The floods began at the time `begin`, when the log had `before` lines. */
+static void expect_few_lines(const struct flood *floods, uint32_t count, uint32_t before, double begin)
+{
+    uint32_t most = 2 + (uint32_t)((hostile_now() - begin) / 1000), events = 0;
+    uint32_t all = lines_in_log(NULL, &events) - before;
+    for (uint32_t i = 0; i < count; i++) {
+        events = 0;
+        uint32_t lines = lines_in_log(floods[i].event, &events), caused = floods[i].caused;
+        printf("%s: %u events, %u lines\n", floods[i].event, caused, lines);
+        hostile_expect(caused >= FLOOD / 2, "%s was caused only %u times", floods[i].event, caused);
+        hostile_expect(lines >= 2 && lines <= most, "%s has %u lines, at most %u", floods[i].event, lines, most);
+        hostile_expect(events == caused, "the lines of %s tell of %u events of %u", floods[i].event, events, caused);
+    }
+    hostile_expect(all <= count * most, "the log has %u more lines, at most %u", all, count * most);
+}
+
+/* However many clients break the protocol or are refused, there is a line a second, and none is left uncounted. */
+static void check_log(const char *program)
+{
+    static const char *const options[] = {"--max-connections", "64", NULL};
+    static struct raw_client clients[CONNECTIONS];
+    struct flood floods[] = {{"connection_refused", 0}, {"connection_failed", 0}, {"request_refused", 0}};
+    struct flood later = {NULL, 0}; /* refusals after the line that counts those before it */
+    struct raw_client old;
+    hostile_begin(&hostile, program, options);
+    uint32_t events = 0, before = lines_in_log(NULL, &events);
+    double begin = hostile_now();
+    if (!raw_connect(&old, hostile.service.socket))
+        exit(1);
+    raw_hello(&old);
+    for (int i = 0; i < FLOOD; i++) {
+        be_turned_away(&floods[0], &floods[1]);
+        ask_for_the_unknown(&old, &floods[2]);
+    }
+    int count = fill_connections(clients, &floods[0]);
+    for (int i = 0; i < FLOOD; i++)
+        be_turned_away(&floods[0], &floods[1]);
+    sleep_ms(LOG_REST_MS);
+    be_turned_away(&floods[0], &floods[1]);
+    for (int i = 0; i < count; i++)
+        raw_close(&clients[i]);
+    while (be_turned_away(&later, &floods[1]) == BVHD_BUSY)
+        ;
+    ask_for_the_unknown(&old, &floods[2]);
+    raw_close(&old);
+    expect_few_lines(floods, sizeof floods / sizeof *floods, before, begin);
+    hostile_end(&hostile);
+}
+
 int main(int argc, char **argv)
 {
     if (argc < 2)
         return 2;
     int failures = run_short_of_descriptors(argv[1]);
+    check_log(argv[1]);
     hostile_begin(&hostile, argv[1], NULL);
     check_versions();
     check_future();

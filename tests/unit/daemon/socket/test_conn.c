@@ -4,6 +4,7 @@
 
 #include "tests/support/unit.h"
 
+#include "tests/support/daemon/capture_log.h"
 #include "tests/support/daemon/conn_bed.h"
 
 static void test_hello_ping_end(void **state)
@@ -294,6 +295,44 @@ static void test_failing_allocations(void **state)
     assert_true(through);
 }
 
+/* A client begins a frame and does not go on with it, until it is dropped. */
+static void stall(struct bed *bed)
+{
+    uint32_t closed = bed->service.closed;
+    struct bed_client *client = bed_connect(bed, 1);
+    bed_hello(bed, client);
+    assert_true(bed_send_bytes(client, "BVHD", 4, NULL, 0));
+    for (int i = 0; bed->service.closed == closed && i < 1000; i++)
+        bed_pump(bed, 5);
+    assert_int_equal(bed->service.closed, closed + 1);
+    bed_hang_up(client);
+}
+
+/* Clients that are dropped within a second have one line in the log, and the next line counts the others. */
+static void test_few_lines_for_stalled_clients(void **state)
+{
+    static char text[CAPTURE_SIZE];
+    struct bed bed;
+    struct conn_limits limits = conn_limits_default();
+    struct capture capture = capture_begin();
+    (void)state;
+    limits.stall_ms = 1;
+    bed_open(&bed, &limits);
+    stall(&bed);
+    bed.group.stalled_log.next_ms = UINT64_MAX; /* as if the second did not end */
+    for (int i = 0; i < 30; i++)
+        stall(&bed);
+    bed.group.stalled_log.next_ms = 0;
+    stall(&bed);
+    bed_close(&bed);
+    capture_end(&capture, text);
+    char *first = strstr(text, "event=client_stalled"), *second = first ? strstr(first + 1, "event=client_stalled") : 0;
+    assert_non_null(second);
+    assert_null(strstr(second + 1, "event=client_stalled"));
+    assert_true(strstr(first, " suppressed=0\n") < second);
+    assert_non_null(strstr(second, " suppressed=30\n"));
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -311,6 +350,7 @@ int main(void)
         cmocka_unit_test(test_refused_session),
         cmocka_unit_test(test_failing_allocations),
         cmocka_unit_test(test_fails_while_sending),
+        cmocka_unit_test(test_few_lines_for_stalled_clients),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
