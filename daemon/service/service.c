@@ -23,7 +23,8 @@ enum { CACHE_DIVISOR = 4 };
  * Inline payloads may take up to the budget divided by INLINE_DIVISOR. Large steps leave the budget divided by
  * SMALL_DIVISOR free, even if they need more than was promised to them. What all users share beside the budget is
  * bounded by parts of it: clients' pools, of which one has an eighth of the budget at most (share.h: one connection of
- * one user gets nine sixteenths of what there is), results that were not read or released, and unsent replies.
+ * one user gets nine sixteenths of what there is), results that were not read or released, unsent replies, and frames
+ * that have not arrived completely.
  */
 enum {
     INLINE_DIVISOR = 8,
@@ -31,7 +32,8 @@ enum {
     POOLS_DIVISOR = 4,
     POOL_DIVISOR = 8,
     RESULTS_DIVISOR = 2,
-    REPLIES_DIVISOR = 16
+    REPLIES_DIVISOR = 16,
+    FRAMES_DIVISOR = 8
 };
 
 /* Results that wait to be written to disk may take that many bytes, and the budget divided by QUEUE_DIVISOR. */
@@ -94,7 +96,8 @@ static void init_users(struct service *service)
                        [SHARE_MEMFDS] = service->descriptors.limit / 2,
                        [SHARE_RESULTS] = options->memory / RESULTS_DIVISOR,
                        [SHARE_AHEAD] = options->memory / RESULTS_DIVISOR,
-                       [SHARE_REPLIES] = options->memory / REPLIES_DIVISOR},
+                       [SHARE_REPLIES] = options->memory / REPLIES_DIVISOR,
+                       [SHARE_FRAMES] = options->memory / FRAMES_DIVISOR},
         .memory = &service->memory,
         .pool = service->pool,
         .preparing = &service->preparing,

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * share.h - divides what the service has among users, and what a user has among its connections, so that nobody can
- * take all of it: the queue, memory for payloads and results, descriptors.
+ * take all of it: the queue, memory for frames, payloads and results, descriptors.
  *
  * Shares form a tree: the service's root, with the limits; a share for each user; and below it one for each of the
  * user's connections. What a share uses counts in all shares above it. There are no fixed quotas: a share has room for
@@ -23,6 +23,7 @@ enum share_kind {
     SHARE_RESULTS, /* bytes of results that clients have not read, or still hold */
     SHARE_AHEAD, /* the same, and the bytes that the items under way will probably add */
     SHARE_REPLIES, /* bytes of replies that have not been sent, without results */
+    SHARE_FRAMES, /* bytes that are set aside for frames that have not arrived completely */
     SHARE_KINDS
 };
 

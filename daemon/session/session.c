@@ -298,6 +298,7 @@ static void give_back(struct session *session)
     user_give(member, SHARE_ITEMS, session_uses(session, SHARE_ITEMS));
     user_give(member, SHARE_POOL, session_uses(session, SHARE_POOL));
     user_give(member, SHARE_REPLIES, session_uses(session, SHARE_REPLIES));
+    user_give(member, SHARE_FRAMES, session_uses(session, SHARE_FRAMES));
     user_promise(member, 0);
     session_take_result(session, session_uses(session, SHARE_RESULTS));
     session_cache_leave(session);

@@ -81,6 +81,14 @@ void session_goodbye(struct session *session, const struct bvhd_error *reason);
  */
 bool session_is_idle(const struct session *session);
 
+/*
+ * Tells the session how many bytes the connection sets aside for a frame that has not arrived completely, in place of
+ * those that it told last. They count in the client's share, except for FRAME_KEEP bytes or fewer. Returns false, and
+ * changes nothing, if they do not fit: nothing is read from the client until they do. A user that has no other such
+ * frame can always have one.
+ */
+bool session_set_frame(struct session *session, uint64_t bytes);
+
 /* Returns how many sessions the client's user has. */
 uint32_t session_siblings(const struct session *session);
 

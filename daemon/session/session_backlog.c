@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* session_backlog.c - backpressure: results that the client has not read, or still holds. */
+/* session_backlog.c - backpressure: results that the client has not read, or still holds, and unfinished frames. */
 #include <inttypes.h>
 
 #include "daemon/session/session_internal.h"
@@ -51,4 +51,16 @@ bool session_is_talkative(const struct session *session)
 bool session_is_behind(const struct session *session)
 {
     return session_uses(session, SHARE_RESULTS) > 0 && share_is_over(&session->client.member.share, SHARE_RESULTS);
+}
+
+bool session_set_frame(struct session *session, uint64_t bytes)
+{
+    struct user_member *member = &session->client.member;
+    uint64_t before = session_uses(session, SHARE_FRAMES), charged = bytes > FRAME_KEEP ? bytes : 0;
+    bool is_only_one = member->user->share.used[SHARE_FRAMES] == before;
+    if (charged > before && !is_only_one && !user_fits(member, SHARE_FRAMES, charged - before))
+        return false;
+    user_give(member, SHARE_FRAMES, before);
+    user_take(member, SHARE_FRAMES, charged);
+    return true;
 }

@@ -31,7 +31,8 @@ static struct control_client describe(const struct session *session, uint64_t no
         .pid = session->peer.pid,
         .connected_ms = (now - session->opened_ns) / 1000000,
         .busy_ms = load.busy_ns / 1000000,
-        .memory_bytes = requests->started_bytes + session_uses(session, SHARE_INLINE),
+        .memory_bytes =
+            requests->started_bytes + session_uses(session, SHARE_INLINE) + session_uses(session, SHARE_FRAMES),
         .result_bytes = session_uses(session, SHARE_RESULTS),
         .pool_bytes = session_uses(session, SHARE_POOL),
         .requests = session->request_count,

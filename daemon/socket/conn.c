@@ -119,6 +119,7 @@ static void fail(struct conn *conn, const struct bvhd_error *error)
                   PEER_VALUES(&conn->peer), bvhd_status_name(error->status), log_quote(error->where).text,
                   log_quote(error->text).text, suppressed);
     end_session(conn);
+    inlet_finish(&conn->inlet);
     struct reply *reply = reply_error(0, error, service_frame_memory(conn->group->service));
     if (reply)
         outbox_push(&conn->outbox, reply);
@@ -147,11 +148,18 @@ static void take_frame(struct conn *conn, const struct frame *frame)
     }
 }
 
-/* Reads from the socket once. Returns whether frames may be complete now; *bytes grows by the bytes read. */
+/*
+ * Reads from the socket once, if the client's share has room for the frame under way. Returns whether frames may be
+ * complete now; *bytes grows by the bytes read.
+ */
 static bool receive(struct conn *conn, uint64_t *bytes)
 {
     struct bvhd_error error;
     uint64_t size;
+    if (!session_set_frame(conn->session, inlet_wanted(&conn->inlet))) {
+        conn->reading_waits = true;
+        return false;
+    }
     enum inlet_result result = inlet_receive(&conn->inlet, &size, &error);
     *bytes += size;
     conn->readable = result == INLET_DATA || result == INLET_SHORT;
@@ -188,6 +196,8 @@ static bool take_frames(struct conn *conn)
             break;
         }
     }
+    if (conn->session)
+        session_set_frame(conn->session, inlet_capacity(&conn->inlet)); /* it cannot be more than before */
     return bytes || frames;
 }
 

@@ -184,6 +184,16 @@ void inlet_close_socket(int socket, struct descriptor_share *share)
     }
 }
 
+uint64_t inlet_capacity(const struct inlet *inlet)
+{
+    return inlet->parser.capacity;
+}
+
+uint64_t inlet_wanted(const struct inlet *inlet)
+{
+    return frame_parser_wanted(&inlet->parser);
+}
+
 enum inlet_result inlet_receive(struct inlet *inlet, uint64_t *ret_size, struct bvhd_error *error)
 {
     *ret_size = 0;

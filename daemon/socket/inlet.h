@@ -44,6 +44,10 @@ void inlet_finish(struct inlet *inlet);
 /* Called when HELLO was answered: from now on frames may have the full size of the protocol. */
 void inlet_open(struct inlet *inlet);
 
+/* Returns how large the buffer for frames is, and how large it will be after the next read. */
+uint64_t inlet_capacity(const struct inlet *inlet);
+uint64_t inlet_wanted(const struct inlet *inlet);
+
 /* Reads from the socket once. *ret_size is the number of bytes read, or 0. `error` is set with INLET_BROKEN only. */
 enum inlet_result inlet_receive(struct inlet *inlet, uint64_t *ret_size, struct bvhd_error *error);
 

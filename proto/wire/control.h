@@ -185,7 +185,7 @@ struct control_client {
     int32_t pid;
     uint64_t connected_ms; /* since it was accepted */
     uint64_t busy_ms; /* time that threads have worked for it */
-    uint64_t memory_bytes; /* promised to its items under way, and inline payloads */
+    uint64_t memory_bytes; /* promised to its items under way, inline payloads, and an unfinished frame */
     uint64_t result_bytes; /* of results that it has not read, or still holds */
     uint64_t pool_bytes; /* of its pool */
     uint32_t requests, items; /* under way */

@@ -18,7 +18,6 @@ enum {
 
 enum {
     READ_AHEAD = 16 * 1024, /* space while no frame is under way: it holds many small frames */
-    KEEP = 128 * 1024, /* a larger buffer is freed once it is empty */
 };
 
 static const unsigned char magic[4] = {'B', 'V', 'H', 'D'};
@@ -134,6 +133,23 @@ static uint64_t wanted_capacity(const struct frame_parser *parser, const struct 
     return wanted > have ? wanted : have + READ_AHEAD;
 }
 
+/* Returns the capacity of a buffer that has room for `wanted` bytes: there is none below READ_AHEAD. */
+static uint64_t grown_capacity(const struct frame_parser *parser, uint64_t wanted)
+{
+    if (parser->capacity >= wanted)
+        return parser->capacity;
+    return wanted > READ_AHEAD ? wanted : READ_AHEAD;
+}
+
+uint64_t frame_parser_wanted(const struct frame_parser *parser)
+{
+    struct frame_header header = {0};
+    bool found;
+    if (parser->broken != BVHD_OK || look_at_header(parser, &header, &found, NULL) != BVHD_OK)
+        return parser->capacity;
+    return grown_capacity(parser, wanted_capacity(parser, found ? &header : NULL));
+}
+
 static void move_to_front(struct frame_parser *parser)
 {
     if (parser->begin > 0)
@@ -142,20 +158,20 @@ static void move_to_front(struct frame_parser *parser)
     parser->begin = 0;
 }
 
-static enum bvhd_status grow(struct frame_parser *parser, uint64_t capacity, struct bvhd_error *error)
+static enum bvhd_status grow(struct frame_parser *parser, uint64_t wanted, struct bvhd_error *error)
 {
-    uint64_t larger = capacity < READ_AHEAD ? READ_AHEAD : capacity;
-    unsigned char *buffer = memory_resize(parser->memory, parser->buffer, larger);
+    uint64_t capacity = grown_capacity(parser, wanted);
+    unsigned char *buffer = memory_resize(parser->memory, parser->buffer, capacity);
     if (!buffer)
-        return bvhd_error_no_memory(error, "frame", "%llu bytes", (unsigned long long)larger);
+        return bvhd_error_no_memory(error, "frame", "%llu bytes", (unsigned long long)capacity);
     parser->buffer = buffer;
-    parser->capacity = larger;
+    parser->capacity = capacity;
     return BVHD_OK;
 }
 
 static void shrink_when_empty(struct frame_parser *parser)
 {
-    if (parser->begin != parser->end || parser->capacity <= KEEP)
+    if (parser->begin != parser->end || parser->capacity <= FRAME_KEEP)
         return;
     memory_free(parser->memory, parser->buffer);
     parser->buffer = NULL;
@@ -166,6 +182,7 @@ static void shrink_when_empty(struct frame_parser *parser)
 static enum bvhd_status next_header(struct frame_parser *parser, struct frame_header *ret_header, bool *ret_found,
                                     struct bvhd_error *error)
 {
+    *ret_found = false;
     if (parser->broken != BVHD_OK)
         return fail_broken(parser, error);
     enum bvhd_status status = look_at_header(parser, ret_header, ret_found, error);
@@ -180,7 +197,6 @@ enum bvhd_status frame_parser_space(struct frame_parser *parser, unsigned char *
     enum bvhd_status status = next_header(parser, &header, &found, error);
     if (status != BVHD_OK)
         return status;
-    shrink_when_empty(parser);
     uint64_t wanted = wanted_capacity(parser, found ? &header : NULL);
     if (parser->capacity - parser->begin < wanted || parser->begin == parser->end)
         move_to_front(parser);
@@ -280,6 +296,7 @@ enum bvhd_status frame_parser_next(struct frame_parser *parser, struct frame *re
         status = check_waiting(parser, found ? &header : NULL, error);
         if (status != BVHD_OK)
             return break_parser(parser, status);
+        shrink_when_empty(parser);
         *ret_found = false;
         return BVHD_OK;
     }

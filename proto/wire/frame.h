@@ -25,6 +25,7 @@ enum {
     FRAME_QUEUE = 32, /* descriptors that may wait for their frames */
     FRAME_MAX_CONTROL = 1024 * 1024,
     FRAME_MAX_INLINE = 64 * 1024,
+    FRAME_KEEP = 32 * 1024, /* the largest buffer that a parser keeps while no frame is under way */
 };
 
 /* The types of frames. The numbers are wire ABI. Types from 64 on go from the daemon to the client. */
@@ -101,11 +102,14 @@ void frame_parser_finish(struct frame_parser *parser);
 /*
  * Returns the place for the next bytes from the socket: at least one byte, as many as the current frame still needs,
  * and some more if no frame is under way. The buffer grows only when a header has passed its checks, and only to the
- * size that this header announces; a large buffer is freed once it is empty. Call this when frame_parser_next finds no
- * frame. BVHD_NO_MEMORY leaves everything as it was; after a wrong frame the call returns that frame's status.
+ * size that this header announces. Call this when frame_parser_next finds no frame. BVHD_NO_MEMORY leaves everything as
+ * it was; after a wrong frame the call returns that frame's status.
  */
 enum bvhd_status frame_parser_space(struct frame_parser *parser, unsigned char **ret_at, uint64_t *ret_size,
                                     struct bvhd_error *error);
+
+/* Returns how large the buffer will be after the next call above. */
+uint64_t frame_parser_wanted(const struct frame_parser *parser);
 
 /*
  * Tells the parser that `size` bytes were written there, and that `count` descriptors came with them. The parser owns
@@ -115,7 +119,8 @@ enum bvhd_status frame_parser_feed(struct frame_parser *parser, uint64_t size, c
                                    struct bvhd_error *error);
 
 /*
- * Takes the next complete frame; *ret_found says whether there is one. BVHD_CORRUPT (magic, reserved fields, a
+ * Takes the next complete frame; *ret_found says whether there is one. If there is none and no other has begun, a
+ * buffer of more than FRAME_KEEP bytes is freed. BVHD_CORRUPT (magic, reserved fields, a
  * descriptor that no frame claims, a frame whose descriptors have not come) and BVHD_TOO_LARGE are final. `error` names
  * the field: "frame.magic".
  */

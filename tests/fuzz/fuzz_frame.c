@@ -79,10 +79,11 @@ static uint64_t feed_some(struct run *run, const uint8_t *data, size_t size)
 {
     unsigned char *at;
     uint64_t room, dice = random_next(&run->random);
+    uint64_t wanted = frame_parser_wanted(&run->parser);
     run->status = frame_parser_space(&run->parser, &at, &room, NULL);
     if (run->status != BVHD_OK)
         return 0;
-    FUZZ_CHECK(room > 0);
+    FUZZ_CHECK(room > 0 && run->parser.capacity == wanted);
     uint64_t some = run->portions ? 1 + (dice >> 8) % (dice % 4 ? 40 : 2000) : size;
     some = some < size ? some : size;
     some = some < room ? some : room;

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * hostile_users.c - tests that a user with many connections, or one that reads nothing, takes no more than one user's
- * share: of memory for payloads and results, of pools, of the daemon's own memory, of threads.
+ * share: of memory for frames, payloads and results, of pools, of the daemon's own memory, of threads.
  *
  *     hostile_users BVHD [CASE...]
  *     hostile_users BVHD figure       100 stalled clients, 2,000 idle connections, 500 busy ones of one user: how long
@@ -220,6 +220,52 @@ static void case_answers(void)
         raw_close(&clients[i]);
 }
 
+/* Sends parts of the frame while the daemon reads. Returns whether it has read all of them. */
+static bool send_frames(struct raw_client *clients, uint32_t count, const unsigned char *frame, size_t size)
+{
+    static size_t sent[MOST_CONNECTIONS];
+    bool progress = true, complete = true;
+    memset(sent, 0, sizeof sent);
+    for (int rest = 0; rest < 100; rest = progress ? 0 : rest + 1) {
+        progress = false;
+        for (uint32_t i = 0; i < count; i++) {
+            ssize_t part = send(clients[i].socket, frame + sent[i], size - sent[i], MSG_DONTWAIT | MSG_NOSIGNAL);
+            sent[i] += part > 0 ? (size_t)part : 0;
+            progress |= part > 0;
+        }
+        sleep_ms(2);
+    }
+    for (uint32_t i = 0; i < count; i++)
+        complete &= sent[i] == size;
+    return complete;
+}
+
+/* Many connections of one user each send a frame of the largest size, but for its last byte. */
+static void case_frames(void)
+{
+    enum { CLIENTS = 96, MOST_MIB = 40 };
+    static struct raw_client clients[CLIENTS];
+    static unsigned char frame[FRAME_HEADER_SIZE + FRAME_MAX_CONTROL];
+    struct raw_client same;
+    frame_header_write(&(struct frame_header){.type = FRAME_BUILD, .request = 7, .control_size = FRAME_MAX_CONTROL},
+                       frame);
+    for (int i = 0; i < CLIENTS; i++)
+        connect_as(&clients[i], GREEDY);
+    connect_as(&same, GREEDY);
+    uint64_t before = service_process_resident(&hostile.service);
+    hostile_expect(!send_frames(clients, CLIENTS, frame, sizeof frame - 1), "the daemon has read all of the frames");
+    serves_the_modest("frames are unfinished", 1);
+    ask(&same, 100, 2, LEAST_PAYLOAD);
+    hostile_expect(answer(&same, PATIENCE_MS) == BVHD_OK, "a small frame of the same user waits for large ones");
+    uint64_t after = service_process_resident(&hostile.service);
+    double grown = after > before ? (double)(after - before) / MIB : 0;
+    hostile_expect(grown < MOST_MIB, "unfinished frames hold %.0f MiB", grown);
+    printf("unfinished frames of %d connections hold %.0f MiB\n", CLIENTS, grown);
+    for (int i = 0; i < CLIENTS; i++)
+        raw_close(&clients[i]);
+    raw_close(&same);
+}
+
 /* ---- the figure ---- */
 
 /* What both processes see. */
@@ -394,8 +440,8 @@ static const struct hostile_case {
 } cases[] = {
     {"giants", case_giants, "128M", false, false},  {"inline", case_inline, "128M", true, false},
     {"pools", case_pools, "128M", true, false},     {"unread", case_unread, "128M", true, false},
-    {"answers", case_answers, "64M", false, false}, {"crowd", case_crowd, "256M", false, false},
-    {"figure", case_figure, "1G", true, true},
+    {"answers", case_answers, "64M", false, false}, {"frames", case_frames, "128M", false, false},
+    {"crowd", case_crowd, "256M", false, false},    {"figure", case_figure, "1G", true, true},
 };
 
 static bool is_chosen(const struct hostile_case *one, int argc, char **argv)

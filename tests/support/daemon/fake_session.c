@@ -11,6 +11,7 @@ struct session {
     struct descriptor_share *share;
     struct session_link link;
     bool open, fails_when_sent;
+    uint64_t frame_bytes;
 };
 
 static struct fake_service *fake(struct service *service)
@@ -194,6 +195,15 @@ bool session_is_idle(const struct session *session)
     return session->open && !session->service->is_behind;
 }
 
+bool session_set_frame(struct session *session, uint64_t bytes)
+{
+    if (bytes > FRAME_KEEP && bytes > session->frame_bytes && session->service->has_no_frames)
+        return false;
+    session->service->frame_bytes += bytes - session->frame_bytes;
+    session->frame_bytes = bytes;
+    return true;
+}
+
 uint32_t session_siblings(const struct session *session)
 {
     return session->share->holders;
@@ -221,5 +231,6 @@ void session_close(struct session *session)
     if (!session)
         return;
     session->service->closed++;
+    session->service->frame_bytes -= session->frame_bytes;
     free(session);
 }

@@ -27,6 +27,8 @@ struct fake_service {
     uint32_t opened, closed; /* numbers of sessions */
     uint32_t frames, sent; /* frames received; replies that have been sent */
     uint64_t read_bytes; /* of results whose descriptors clients have read */
+    uint64_t frame_bytes; /* of frames that have not arrived completely, as the connections say */
+    bool has_no_frames; /* session_set_frame refuses large ones */
     bool refuse; /* session_open fails */
     bool is_behind, is_talkative; /* the answers of session_is_behind and session_is_talkative */
 };

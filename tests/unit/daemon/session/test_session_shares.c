@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* test_session_shares.c - tests RELEASED, deadlines, and unread answers. */
+/* test_session_shares.c - tests RELEASED, deadlines, unread answers, and unfinished frames. */
 #include "tests/support/unit.h"
 
 #include "tests/support/daemon/session_world.h"
@@ -195,6 +195,44 @@ static void unread_answers_have_a_share(void **state)
     assert_false(session_is_talkative(silent->session));
 }
 
+/* Returns how many of the user's connections may each have an unfinished frame of the largest size. */
+static uint32_t begin_frames(struct world_client **clients, uint32_t count, uint64_t size)
+{
+    uint32_t begun = 0;
+    while (begun < count && session_set_frame(clients[begun]->session, size))
+        begun++;
+    for (uint32_t i = begun; i < count; i++)
+        assert_false(session_set_frame(clients[i]->session, size));
+    return begun;
+}
+
+/* What is set aside for unfinished frames has a share, and nobody's frames keep another user from one of its own. */
+static void unfinished_frames_have_a_share(void **state)
+{
+    enum { WHOLE = FRAME_HEADER_SIZE + FRAME_MAX_CONTROL + FRAME_MAX_INLINE, EACH = 7 };
+    struct world_client *greedy[EACH], *others[EACH], *modest;
+    (void)state;
+    for (int i = 0; i < EACH; i++) {
+        greedy[i] = world_join_as(&world, 1);
+        others[i] = world_join_as(&world, 2);
+    }
+    uint32_t first = begin_frames(greedy, EACH, WHOLE), second = begin_frames(others, EACH, WHOLE);
+    assert_in_range(first, 3, EACH - 2);
+    assert_in_range(second, 1, 3);
+    assert_in_range((first + second) * (uint64_t)WHOLE, 1, MEMORY / 8);
+    assert_true(session_set_frame(greedy[first]->session, FRAME_KEEP));
+    modest = world_join_as(&world, 3);
+    assert_true(session_set_frame(modest->session, WHOLE)); /* the first of its user, whatever others have */
+    assert_int_equal(service_uses(world.service, SHARE_FRAMES), (first + second + 1) * (uint64_t)WHOLE);
+    assert_true(session_set_frame(greedy[0]->session, FRAME_KEEP)); /* its frame is complete */
+    assert_int_equal(session_uses(greedy[0]->session, SHARE_FRAMES), 0);
+    world_leave(greedy[1]);
+    world_leave(greedy[2]);
+    world_leave(others[0]);
+    assert_true(session_set_frame(greedy[first]->session, WHOLE));
+    assert_int_equal(service_uses(world.service, SHARE_FRAMES), (first + second - 2) * (uint64_t)WHOLE);
+}
+
 #define TEST(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
 
 int main(void)
@@ -206,6 +244,7 @@ int main(void)
         TEST(late_items_are_cancelled),
         TEST(a_session_with_deadlines_can_end),
         TEST(unread_answers_have_a_share),
+        TEST(unfinished_frames_have_a_share),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -295,6 +295,68 @@ static void test_failing_allocations(void **state)
     assert_true(through);
 }
 
+/* A large frame counts while it is incomplete. Without room for it, it waits, and is not late; small frames do not. */
+static void test_unfinished_frame_counts(void **state)
+{
+    enum { CONTROL = 200000, FIRST = 20000, PART = 4000 }; /* the first part is more than one read takes */
+    struct bed bed;
+    struct conn_limits limits = conn_limits_default();
+    static unsigned char bytes[FRAME_HEADER_SIZE + CONTROL];
+    (void)state;
+    limits.stall_ms = 50;
+    bed_open(&bed, &limits);
+    struct bed_client *client = bed_connect(&bed, 1), *other = bed_connect(&bed, 1);
+    bed_hello(&bed, client);
+    bed_hello(&bed, other);
+    frame_header_write(&(struct frame_header){.type = FRAME_PING, .control_size = CONTROL, .request = 1}, bytes);
+    bed.service.has_no_frames = true;
+    assert_true(bed_send_bytes(client, bytes, FIRST, NULL, 0));
+    bed_send(other, FRAME_PING, 2);
+    bed_expect(&bed, other, FRAME_PONG, 2);
+    bed_pump(&bed, 100);
+    assert_int_equal(bed.service.closed, 0);
+    assert_in_range(bed.service.frame_bytes, 0, 2 * FRAME_KEEP);
+    bed.service.has_no_frames = false;
+    bed.group.limits.stall_ms = 30000;
+    for (int i = 0; bed.service.frame_bytes < sizeof bytes && i < 400; i++)
+        bed_pump(&bed, 5);
+    for (size_t at = FIRST; at < sizeof bytes; at += PART) {
+        size_t left = sizeof bytes - at;
+        assert_true(bed.service.frame_bytes >= sizeof bytes);
+        assert_true(bed_send_bytes(client, bytes + at, left < PART ? left : PART, NULL, 0));
+        bed_pump(&bed, 0);
+    }
+    bed_expect(&bed, client, FRAME_PONG, 1);
+    assert_in_range(bed.service.frame_bytes, 0, 2 * FRAME_KEEP);
+    bed_close(&bed);
+}
+
+/* The end of a connection frees what was set aside for its unfinished frame, even while it has an error to read. */
+static void test_unfinished_frame_of_the_broken(void **state)
+{
+    struct bed bed;
+    unsigned char bytes[FRAME_HEADER_SIZE];
+    (void)state;
+    bed_open(&bed, NULL);
+    struct bed_client *client = bed_connect(&bed, 1);
+    bed_hello(&bed, client);
+    frame_header_write(&(struct frame_header){.type = FRAME_PING, .control_size = 100000, .request = 1}, bytes);
+    assert_true(bed_send_bytes(client, bytes, FRAME_HEADER_SIZE, NULL, 0));
+    bed_pump(&bed, 0);
+    assert_true(bed_send_bytes(client, bytes, 1, NULL, 0));
+    bed_pump(&bed, 0);
+    assert_true(bed.service.frame_bytes > 100000 && bed.service.memory.live > 100000);
+    int descriptor = frames_descriptor(NULL);
+    assert_true(bed_send_bytes(client, bytes, 1, &descriptor, 1)); /* the frame has declared none */
+    close(descriptor);
+    bed_pump(&bed, 0);
+    assert_int_equal(bed.service.closed, 1);
+    assert_int_equal(bed.service.frame_bytes, 0);
+    assert_true(bed.service.memory.live < 1000);
+    bed_expect_error(&bed, client, BVHD_CORRUPT);
+    bed_close(&bed);
+}
+
 /* A client begins a frame and does not go on with it, until it is dropped. */
 static void stall(struct bed *bed)
 {
@@ -350,6 +412,8 @@ int main(void)
         cmocka_unit_test(test_refused_session),
         cmocka_unit_test(test_failing_allocations),
         cmocka_unit_test(test_fails_while_sending),
+        cmocka_unit_test(test_unfinished_frame_counts),
+        cmocka_unit_test(test_unfinished_frame_of_the_broken),
         cmocka_unit_test(test_few_lines_for_stalled_clients),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -256,7 +256,7 @@ static void limits_are_the_receivers(void **state)
     }
 }
 
-/* The buffer for a large frame is as large as its header says, and is freed after the frame. */
+/* The buffer for a large frame is as large as its header says, which can be asked before, and is freed after it. */
 static void buffers_grow_and_shrink(void **state)
 {
     (void)state;
@@ -267,18 +267,28 @@ static void buffers_grow_and_shrink(void **state)
     uint64_t size;
     start(&parser);
     assert_int_equal(memory.live, 0);
+    assert_int_equal(frame_parser_wanted(&parser), 16 * 1024);
     assert_int_equal(feed(&parser, stream->bytes, FRAME_HEADER_SIZE - 1, NULL, 0), BVHD_OK);
     assert_int_equal(frame_parser_space(&parser, &at, &size, NULL), BVHD_OK);
     assert_int_equal(memory.live, 16 * 1024);
     assert_int_equal(feed(&parser, stream->bytes + FRAME_HEADER_SIZE - 1, 1, NULL, 0), BVHD_OK);
+    assert_int_equal(memory.live, 16 * 1024);
+    assert_int_equal(frame_parser_wanted(&parser), stream->size);
     assert_int_equal(frame_parser_space(&parser, &at, &size, NULL), BVHD_OK);
     assert_int_equal(size, FRAME_MAX_CONTROL + 100);
     assert_int_equal(memory.live, stream->size);
     assert_int_equal(feed(&parser, stream->bytes + FRAME_HEADER_SIZE, stream->size - FRAME_HEADER_SIZE, NULL, 0),
                      BVHD_OK);
     next(&parser);
+    assert_int_equal(memory.live, stream->size);
+    expect_none(&parser);
+    assert_int_equal(memory.live, 0);
     assert_int_equal(frame_parser_space(&parser, &at, &size, NULL), BVHD_OK);
     assert_int_equal(memory.live, 16 * 1024);
+    assert_int_equal(feed(&parser, (const unsigned char *)"BVHx", 4, NULL, 0), BVHD_OK);
+    assert_int_equal(frame_parser_wanted(&parser), 16 * 1024);
+    expect_broken(&parser, BVHD_CORRUPT, "frame.magic");
+    assert_int_equal(frame_parser_wanted(&parser), 16 * 1024);
     stop(&parser);
 }
 
