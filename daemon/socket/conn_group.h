@@ -72,7 +72,7 @@ uint32_t conn_group_count_uid(const struct conn_group *group, uint32_t uid);
  * most connections that has an idle one, or of the one user `uid`. Clients that have been idle for less than
  * conn_limits.idle_ms stay. Returns whether there was one.
  */
-enum { CONN_ANY_USER = UINT32_MAX };
+#define CONN_ANY_USER UINT32_MAX
 bool conn_group_dismiss_idle(struct conn_group *group, uint32_t uid);
 
 /* The daemon drains: each client that has said HELLO gets GOODBYE; the connections of others are closed. */
