@@ -266,6 +266,50 @@ static void case_frames(void)
     raw_close(&same);
 }
 
+/* Receives frames until one of that type and request comes. Returns how many results of others came before it. */
+static uint32_t results_before(struct raw_client *client, enum frame_type type, uint64_t request)
+{
+    struct frame frame;
+    for (uint32_t count = 0;;) {
+        bool came = raw_receive(client, PATIENCE_MS, &frame, NULL);
+        hostile_expect(came, "no frame of type %d comes for request %d", (int)type, (int)request);
+        for (int i = 0; came && i < frame.header.descriptors; i++)
+            close(frame.descriptors[i]);
+        if (!came || (frame.header.type == type && frame.header.request == request))
+            return count;
+        count += frame.header.type == FRAME_RESULT;
+    }
+}
+
+/*
+ * Structures are so large that they are built one by one. While the first is built, a user asks for one that has time,
+ * and so does another user; then the first user asks for more that are urgent. The shared one is built in the turn of
+ * the second user: not before its own turn, but long before all that the first user finds more important.
+ */
+static void case_shared(void)
+{
+    enum { BOXES = 120000, SHARED = 2, URGENT = 8 };
+    struct raw_client first, second;
+    connect_as(&first, GREEDY);
+    connect_as(&second, MODEST);
+    ask(&first, BOXES, 1, LEAST_PAYLOAD);
+    results_before(&first, FRAME_PREPARED, 1);
+    first.priority = PRIORITY_LOW;
+    ask(&first, BOXES, SHARED, LEAST_PAYLOAD);
+    first.priority = PRIORITY_NORMAL;
+    results_before(&first, FRAME_PREPARED, SHARED);
+    ask(&second, BOXES, SHARED, LEAST_PAYLOAD);
+    results_before(&second, FRAME_PREPARED, 1);
+    for (uint32_t k = 1; k <= URGENT; k++)
+        ask(&first, BOXES, SHARED + k, LEAST_PAYLOAD);
+    uint32_t before = results_before(&first, FRAME_RESULT, SHARED);
+    hostile_expect(before <= 1 + URGENT / 2, "%u structures of one user were built before what two users ask for",
+                   before);
+    printf("%u of %d structures were built before the one that two users ask for\n", before, 1 + URGENT);
+    raw_close(&first);
+    raw_close(&second);
+}
+
 /* ---- the figure ---- */
 
 /* What both processes see. */
@@ -441,7 +485,8 @@ static const struct hostile_case {
     {"giants", case_giants, "128M", false, false},  {"inline", case_inline, "128M", true, false},
     {"pools", case_pools, "128M", true, false},     {"unread", case_unread, "128M", true, false},
     {"answers", case_answers, "64M", false, false}, {"frames", case_frames, "128M", false, false},
-    {"crowd", case_crowd, "256M", false, false},    {"figure", case_figure, "1G", true, true},
+    {"shared", case_shared, "64M", true, false},    {"crowd", case_crowd, "256M", false, false},
+    {"figure", case_figure, "1G", true, true},
 };
 
 static bool is_chosen(const struct hostile_case *one, int argc, char **argv)

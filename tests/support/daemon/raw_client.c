@@ -304,8 +304,10 @@ unsigned char *raw_payload(uint32_t triangles, uint32_t seed, uint64_t *ret_size
 uint64_t raw_build(struct raw_client *client, const struct control_item *items, uint32_t count,
                    struct bytes inline_bytes, const int *descriptors, const uint64_t *sizes, uint32_t descriptor_count)
 {
-    struct control_build build = {
-        .memfd_count = descriptor_count, .item_count = count, .items = (struct control_item *)(uintptr_t)items};
+    struct control_build build = {.priority = client->priority,
+                                  .memfd_count = descriptor_count,
+                                  .item_count = count,
+                                  .items = (struct control_item *)(uintptr_t)items};
     struct raw_frame frame = {
         .header = {.type = FRAME_BUILD, .request = ++client->last_request, .descriptors = (uint8_t)descriptor_count},
         .inline_bytes = inline_bytes,

@@ -20,6 +20,7 @@ struct raw_client {
     struct memory memory;
     struct frame_parser parser;
     uint64_t last_request;
+    int32_t priority; /* of the builds that raw_build asks for */
 };
 
 /* Connects, but does not send HELLO. Returns false when nobody listens or the connection is refused. */
