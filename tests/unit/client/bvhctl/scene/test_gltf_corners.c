@@ -471,7 +471,11 @@ static void files_without_memory(void **state)
     status = gltf_file_open(&file);
     outside = NULL;
     gltf_file_close(&file);
+    for (uint32_t i = 0; i < files.count; i++)
+        memory_free(&memory, files.paths[i]);
+    memory_free(&memory, files.paths);
     assert_int_equal(status, BVHD_NO_MEMORY);
+    assert_int_equal(memory.live, 0);
 }
 
 /* cJSON takes memory from the reader's arena while it reads, and from malloc afterwards. */
