@@ -9,6 +9,7 @@
 #include "builder/depth.h"
 #include "builder/kernel/leaves.h"
 #include "builder/input/outline.h"
+#include "builder/method.h"
 #include "builder/top/pieces.h"
 #include "builder/input/primitive.h"
 #include "builder/rescale.h"
@@ -31,6 +32,7 @@ struct construction {
     const struct layout *layout;
     const struct build_context *context;
     enum build_quality quality;
+    enum pieces_method method;
     struct primitive_refs refs;
     struct primitive_ref *scratch;
     uint32_t capacity; /* refs that fit into each of the two arrays */
@@ -56,6 +58,23 @@ const char *build_quality_name(enum build_quality quality)
         [QUALITY_AUTO] = "auto",
     };
     return (unsigned)quality < sizeof names / sizeof *names ? names[quality] : "unknown";
+}
+
+static const char *const builder_names[] = {[BUILDER_OWN] = "own", [BUILDER_EMBREE] = "embree"};
+
+const char *build_builder_name(enum build_builder builder)
+{
+    return (unsigned)builder < sizeof builder_names / sizeof *builder_names ? builder_names[builder] : "unknown";
+}
+
+bool build_builder_from_name(const char *name, enum build_builder *ret_builder)
+{
+    for (enum build_builder builder = BUILDER_OWN; builder <= BUILDER_EMBREE; builder++)
+        if (strcmp(name, builder_names[builder]) == 0) {
+            *ret_builder = builder;
+            return true;
+        }
+    return false;
 }
 
 static enum bvhd_status cancelled(const struct construction *construction)
@@ -103,29 +122,16 @@ static uint32_t leaf_max(const struct construction *construction)
  */
 static const float fast_cut = 4, balanced_cut = 0.85f;
 
-/* Runs of primitives share a ref from the start. HIGH has none, because it splits triangles one by one. */
+/* Runs of primitives share a ref from the start, unless the method looks at each of them. */
 static struct leaves_options runs_for(const struct construction *construction)
 {
-    enum build_quality quality = construction->quality;
-    return (struct leaves_options){quality == QUALITY_HIGH ? 1 : leaf_max(construction),
-                                   quality == QUALITY_FAST ? fast_cut : balanced_cut};
+    return (struct leaves_options){method_takes_runs(construction->method) ? leaf_max(construction) : 1,
+                                   construction->quality == QUALITY_FAST ? fast_cut : balanced_cut};
 }
 
-static enum pieces_method method_for(const struct construction *construction)
+static uint32_t piece_size(const struct construction *construction)
 {
-    enum build_quality quality = construction->quality;
-    if (quality == QUALITY_BALANCED && construction->canonical->type == STRUCTURE_TOP)
-        /* Nodes over instances are expensive to traverse, so what HIGH does apart from splits is worth its time. */
-        return PIECES_SPATIAL;
-    return quality == QUALITY_HIGH ? PIECES_SPATIAL : quality == QUALITY_FAST ? PIECES_PLOC : PIECES_BINNED;
-}
-
-/* Gives enough pieces to keep any number of threads busy, each small enough for the second-level cache. */
-static uint32_t piece_size(uint32_t count)
-{
-    enum { SMALLEST = 4096, LARGEST = 16384, PIECES = 32 };
-    uint32_t size = count / PIECES;
-    return size < SMALLEST ? SMALLEST : size > LARGEST ? LARGEST : size;
+    return method_piece_size(construction->method, construction->refs.count);
 }
 
 /*
@@ -134,8 +140,8 @@ static uint32_t piece_size(uint32_t count)
  */
 static bool is_scattered(const struct construction *construction)
 {
-    uint32_t count = construction->refs.count;
-    return method_for(construction) != PIECES_SPATIAL && count > piece_size(count) && !construction->rescaled;
+    return !method_is_spatial(construction->method) && construction->refs.count > piece_size(construction) &&
+           !construction->rescaled;
 }
 
 static enum bvhd_status collect(struct construction *construction)
@@ -195,7 +201,7 @@ static bool make_room(struct construction *construction)
 {
     struct memory *memory = construction->context->memory;
     struct primitive_refs *refs = &construction->refs;
-    bool more = method_for(construction) == PIECES_SPATIAL && may_split(construction);
+    bool more = method_is_spatial(construction->method) && may_split(construction);
     construction->capacity = more ? spatial_capacity(refs->count) : refs->count;
     if (construction->capacity > refs->count) {
         struct primitive_ref *room = memory_resize(memory, refs->refs, (uint64_t)construction->capacity * sizeof *room);
@@ -217,7 +223,7 @@ static enum bvhd_status split_spatially(struct construction *construction)
         .scratch = construction->scratch,
         .count = refs->count,
         .capacity = construction->capacity,
-        .piece_size = piece_size(refs->count),
+        .piece_size = piece_size(construction),
         .bounds = refs->bounds,
         .centroids = refs->centroids,
         .cancel = context->cancel,
@@ -240,25 +246,19 @@ static enum bvhd_status split(struct construction *construction)
         .block_count = refs->block_count,
         .block_size = refs->block_size,
         .count = refs->count,
-        .piece_size = piece_size(refs->count),
+        .piece_size = piece_size(construction),
         .bounds = refs->bounds,
         .centroids = refs->centroids,
         .cancel = context->cancel,
     };
     enum bvhd_status status;
-    if (method_for(construction) == PIECES_SPATIAL)
+    if (method_is_spatial(construction->method))
         status = split_spatially(construction);
     else if (refs->count <= request.piece_size)
         status = split_refs(&request, context->memory, context->parallel, &construction->tree, construction->error);
     else
         status = scatter(construction, &request);
     return status == BVHD_OK ? stage_end(construction, &construction->stats.ms.split) : status;
-}
-
-static const char *method_name(const struct construction *construction)
-{
-    enum pieces_method method = method_for(construction);
-    return method == PIECES_PLOC ? "ploc" : method == PIECES_SPATIAL && may_split(construction) ? "spatial" : "binned";
 }
 
 /* Counts primitives, or refs where splits make more of those. */
@@ -275,7 +275,7 @@ static struct pieces_request pieces_wanted(const struct construction *constructi
         .refs = construction->refs.refs,
         .scratch = construction->scratch,
         .capacity = construction->capacity,
-        .method = method_for(construction),
+        .method = construction->method,
         .leaf_max = leaf_max(construction),
         .cut_cost = runs_for(construction).cut_cost,
         .canonical = construction->canonical,
@@ -345,7 +345,7 @@ static struct collapse_options collapse_wanted(const struct construction *constr
  */
 static bool collapses_at_once(const struct construction *construction)
 {
-    return construction->quality == QUALITY_FAST && !construction->needs_binary && !construction->rescaled &&
+    return construction->method == PIECES_PLOC && !construction->needs_binary && !construction->rescaled &&
            !construction->layout->inflate_boxes && construction->layout->arity != 2 &&
            construction->tree.piece_count > 1;
 }
@@ -373,7 +373,7 @@ static enum bvhd_status build_pieces(struct construction *construction)
     enum bvhd_status status = pieces_build(&request, context->memory, context->parallel, &pieces, construction->error);
     if (status != BVHD_OK)
         return status;
-    stats->method = method_name(construction);
+    stats->method = method_name(construction->method, may_split(construction));
     status = stage_end(construction, &stats->ms.pieces);
     if (status == BVHD_OK && request.collapse_at_once)
         status = join_wide_pieces(construction, &pieces, &cost);
@@ -503,6 +503,10 @@ static enum bvhd_status construction_init(struct construction *construction, con
     construction->canonical = &construction->view;
     construction->quality = tier_resolve(canonical, options);
     construction->stats.quality = construction->quality;
+    construction->method = method_choose(canonical, options->builder, construction->quality);
+    if (options->builder != BUILDER_OWN && options->builder != BUILDER_EMBREE)
+        return bvhd_error_set(error, BVHD_UNSUPPORTED, "build.builder", "there is no builder %d",
+                              (int)options->builder);
     construction->layout = layout_find(options->target);
     if (!construction->layout)
         return bvhd_error_set(error, BVHD_UNSUPPORTED, "options.target", "unknown target %d", (int)options->target);

@@ -32,7 +32,10 @@ struct build_stats {
     uint64_t refs; /* references in leaves; more than the primitives in the tree when some are split */
     uint32_t depth; /* levels of the binary tree, after the depth pass */
     double sah; /* SAH cost of the binary tree; 0 when it is empty */
-    /* "ploc", "binned" or "spatial"; "none" when there are no refs; a static string */
+    /*
+     * "ploc", "binned" or "spatial"; by Embree "embree-low", "embree-medium" or "embree-high"; "none" when there are no
+     * refs; a static string
+     */
     const char *method;
     enum build_quality quality; /* the quality that was built: FAST, BALANCED or HIGH (tier.h) */
     struct box bounds; /* of the whole structure */
@@ -45,13 +48,19 @@ struct build_stats {
 const char *build_quality_name(enum build_quality quality);
 
 /*
+ * Returns "own" or "embree" as a static string, "unknown" for values outside the enum; and finds the value by the name.
+ */
+const char *build_builder_name(enum build_builder builder);
+bool build_builder_from_name(const char *name, enum build_builder *ret_builder);
+
+/*
  * Builds the structure. `canonical` comes from prepare or prepare_open, which have checked it. The blob is the same,
  * byte by byte, for any number of threads, compiler and instruction set.
  *
  * *ret_blob: stats->sizes.total bytes, 64-byte aligned. They come from context->output, or, when that is NULL, from
  * context->memory, and the caller frees them. On failure nothing is held.
  *
- * Returns BVHD_UNSUPPORTED for a target, layout flag or device variant that does not exist, BVHD_NO_MEMORY,
+ * Returns BVHD_UNSUPPORTED for a builder, target, layout flag or device variant that does not exist, BVHD_NO_MEMORY,
  * BVHD_TOO_LARGE, or BVHD_CANCELLED within a few milliseconds after the flag is set.
  */
 enum bvhd_status build(const struct canonical *canonical, const struct build_options *options,

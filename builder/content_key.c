@@ -6,10 +6,12 @@
 
 #include "builder/build.h"
 #include "builder/format/layout.h"
+#include "builder/piece/embree.h"
 #include "builder/tier.h"
 
 /* The terminating NULs are hashed too, so that the bytes after them start at a fixed offset. */
-static const char leaf_domain[16] = "bvhd key leaf 1", root_domain[16] = "bvhd key root 2";
+static const char leaf_domain[16] = "bvhd key leaf 1", root_domain[16] = "bvhd key root 2",
+                  embree_domain[16] = "bvhd key embree";
 
 struct digest_input {
     const void *data;
@@ -47,8 +49,11 @@ static void digest_leaf(void *context, size_t index)
         atomic_store_explicit(&leaves->failed, true, memory_order_relaxed);
 }
 
+/* What comes before the digests. */
 struct root {
-    unsigned char bytes[64]; /* the fixed-size fields between the domain and the digests */
+    const char *domain; /* 16 bytes */
+    unsigned char bytes[72]; /* the fixed-size fields */
+    uint32_t size; /* bytes of them */
 };
 
 /* A layout without variants does not depend on the device, so whatever the caller put there must not change the key. */
@@ -65,7 +70,7 @@ static void describe_device(const struct device_format *device, uint32_t variant
 static struct root describe_root(const struct canonical *canonical, const struct build_options *options,
                                  const struct layout *layout)
 {
-    struct root root;
+    struct root root = {.domain = root_domain, .size = 64};
     bytes_put64(root.bytes, canonical->size);
     bytes_put32(root.bytes + 8, BUILD_VERSION);
     bytes_put32(root.bytes + 12, layout->target);
@@ -76,12 +81,32 @@ static struct root describe_root(const struct canonical *canonical, const struct
     return root;
 }
 
+/* Adds the builder, unless it is our own, and refuses one that cannot be used. */
+static enum bvhd_status describe_builder(const struct build_options *options, struct root *root,
+                                         struct bvhd_error *error)
+{
+    struct embree_identity embree;
+    if (options->builder == BUILDER_OWN)
+        return BVHD_OK;
+    if (options->builder != BUILDER_EMBREE)
+        return bvhd_error_set(error, BVHD_UNSUPPORTED, "build.builder", "there is no builder %d",
+                              (int)options->builder);
+    enum bvhd_status status = embree_identify(&embree, error);
+    if (status != BVHD_OK)
+        return status;
+    bytes_put32(root->bytes + root->size, embree.version);
+    bytes_put32(root->bytes + root->size + 4, embree.estimate);
+    root->domain = embree_domain;
+    root->size += 8;
+    return BVHD_OK;
+}
+
 /* Call after all leaves have been hashed; there may be none. */
 static enum bvhd_status digest_root(const struct leaves *leaves, uint64_t leaf_count, const struct root *root,
                                     struct key *ret_key, struct bvhd_error *error)
 {
-    const struct digest_input inputs[] = {{root_domain, sizeof root_domain},
-                                          {root->bytes, sizeof root->bytes},
+    const struct digest_input inputs[] = {{root->domain, sizeof root_domain},
+                                          {root->bytes, root->size},
                                           {leaves->digests, leaf_count * sizeof *leaves->digests}};
     struct key key;
     if (atomic_load_explicit(&leaves->failed, memory_order_relaxed) || !digest(leaves->hash, inputs, 3, &key))
@@ -128,13 +153,15 @@ enum bvhd_status content_key(const struct canonical *canonical, const struct bui
     const struct layout *layout = layout_find(options->target);
     if (!layout)
         return bvhd_error_set(error, BVHD_UNSUPPORTED, "target", "there is no target %d", (int)options->target);
+    struct root root = describe_root(canonical, options, layout);
+    enum bvhd_status status = describe_builder(options, &root, error);
     /* One fetch serves all leaves, because it takes locks that the threads would wait for. */
     EVP_MD *hash = NULL;
-    enum bvhd_status status = fetch_hash(&hash, error);
+    if (status == BVHD_OK)
+        status = fetch_hash(&hash, error);
     if (status != BVHD_OK)
         return status;
     struct leaves leaves = {.hash = hash, .block = {canonical->bytes, canonical->size}};
-    struct root root = describe_root(canonical, options, layout);
     status = digest_all(&leaves, &root, context, ret_key, error);
     memory_free(context->memory, leaves.digests);
     EVP_MD_free(hash);

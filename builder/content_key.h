@@ -10,8 +10,14 @@
  *     key  = SHA-256("bvhd key root 2\0", u64 bytes of the block, u32 BUILD_VERSION, u32 target, u32 layout version,
  *                    u32 layout flags, u32 quality, 36 bytes of struct device_format, the leaves' digests in order)
  *
- * The device's 36 bytes are zero for a layout that does not depend on the device. Numbers are little-endian. The key
- * does not depend on the number of threads or on the machine.
+ * For Embree (BUILDER_EMBREE), whose trees depend on its version too, the root is instead
+ *
+ *     key  = SHA-256("bvhd key embree\0", ... the same up to the device ..., u32 version, u32 estimate (embree.h), the
+ *                    leaves' digests in order)
+ *
+ * so that keys of bvhd's own builders are what they were without it. The device's 36 bytes are zero for a layout that
+ * does not depend on the device. Numbers are little-endian. The key does not depend on the number of threads or, apart
+ * from Embree's estimate, on the machine.
  */
 #ifndef BVHD_CONTENT_KEY_H
 #define BVHD_CONTENT_KEY_H
@@ -28,7 +34,8 @@ enum { CONTENT_KEY_LEAF = 1 << 16 };
 
 /*
  * Computes the key of the result that build() gives for the same arguments: the quality in it is the one that
- * tier_resolve chooses. Returns BVHD_UNSUPPORTED for an unknown target, BVHD_NO_MEMORY, BVHD_CANCELLED, and
+ * tier_resolve chooses. Returns BVHD_UNSUPPORTED for an unknown target or builder, or for Embree where there is none,
+ * BVHD_NO_MEMORY, BVHD_CANCELLED, and
  * BVHD_INTERNAL when the hash library fails. *ret_key is written only on success.
  */
 enum bvhd_status content_key(const struct canonical *canonical, const struct build_options *options,

@@ -5,7 +5,8 @@
 #include <inttypes.h>
 
 /* The values of build_stats.method, by their numbers in a summary, to which new ones are appended. */
-static const char *const methods[] = {"none", "ploc", "binned", "spatial"};
+static const char *const methods[] = {"none",       "ploc",          "binned",     "spatial",
+                                      "embree-low", "embree-medium", "embree-high"};
 
 enum { METHODS = sizeof methods / sizeof *methods };
 

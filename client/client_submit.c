@@ -88,7 +88,8 @@ static void start(struct bvhd_batch *batch)
 static enum bvhd_status check_build(const struct bvhd_build *build, struct build_options *ret_options,
                                     struct bvhd_error *error)
 {
-    bool is_older = build->struct_size == FORMAT_BUILD_WITHOUT || build->struct_size == FORMAT_BUILD_RAYLESS;
+    bool is_older = build->struct_size == FORMAT_BUILD_WITHOUT || build->struct_size == FORMAT_BUILD_RAYLESS ||
+                    build->struct_size == FORMAT_BUILD_BUILDERLESS;
     enum bvhd_status status = argument_check_size(build, is_older ? build->struct_size : sizeof *build, sizeof *build,
                                                   "build", "bvhd_build", error);
     if (status != BVHD_OK)

@@ -26,6 +26,7 @@ struct connection_limits {
     uint32_t credits, max_items, max_control, max_inline;
     uint64_t max_pool; /* 0: no pool */
     uint64_t max_payload;
+    bool has_builders; /* items may ask for other builders than the daemon's own, which it may lack */
 };
 
 /* A list of exchanges in the order of sending. */

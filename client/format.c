@@ -57,6 +57,11 @@ static enum bvhd_status check_format(const struct bvhd_format *format, enum bvhd
     return BVHD_OK;
 }
 
+static enum bvhd_builder builder_of(const struct bvhd_build *build)
+{
+    return build->struct_size > FORMAT_BUILD_BUILDERLESS ? build->builder : BVHD_BUILDER_OWN;
+}
+
 /* Refuses numbers that no version of this header has given a meaning. */
 static enum bvhd_status check_numbers(const struct bvhd_build *build, enum bvhd_target target, struct bvhd_error *error)
 {
@@ -72,6 +77,9 @@ static enum bvhd_status check_numbers(const struct bvhd_build *build, enum bvhd_
     if (unknown)
         return bvhd_error_set(error, BVHD_INVALID, "build.layout_flags", "target %s has no bits 0x%x", layout->name,
                               unknown);
+    if (builder_of(build) > BVHD_BUILDER_EMBREE)
+        return bvhd_error_set(error, BVHD_INVALID, "build.builder", "%u is no value of enum bvhd_builder",
+                              (unsigned)builder_of(build));
     if (!__builtin_isfinite(rays) || rays < 0)
         return bvhd_error_set(error, BVHD_INVALID, "build.rays_per_primitive",
                               "it is %g, not a finite number that is at least 0", (double)rays);
@@ -88,9 +96,12 @@ enum bvhd_status format_options(const struct bvhd_build *build, struct build_opt
         status = check_numbers(build, target, error);
     if (status != BVHD_OK)
         return status;
+    if (build->struct_size > FORMAT_BUILD_BUILDERLESS && build->reserved != 0)
+        return bvhd_error_set(error, BVHD_INVALID, "build.reserved", "%u instead of 0", build->reserved);
     struct build_options options = {.quality = (enum build_quality)build->quality,
                                     .target = (enum target)target,
-                                    .layout_flags = build->layout_flags};
+                                    .layout_flags = build->layout_flags,
+                                    .builder = (enum build_builder)builder_of(build)};
     if (build->struct_size > FORMAT_BUILD_RAYLESS)
         options.rays_per_primitive = build->rays_per_primitive;
     if (format) {

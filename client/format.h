@@ -10,18 +10,19 @@
 #include "proto/base/geometry.h"
 
 /*
- * The sizes that struct bvhd_build had in earlier versions: before `format` was added, and before `rays_per_primitive`
- * was added. Programs that were compiled with such a version lack these fields.
+ * The sizes that struct bvhd_build had in earlier versions: before `format`, before `rays_per_primitive`, and before
+ * `builder` was added. Programs that were compiled with such a version lack these fields.
  */
 enum {
     FORMAT_BUILD_WITHOUT = offsetof(struct bvhd_build, format),
-    FORMAT_BUILD_RAYLESS = offsetof(struct bvhd_build, rays_per_primitive)
+    FORMAT_BUILD_RAYLESS = offsetof(struct bvhd_build, rays_per_primitive),
+    FORMAT_BUILD_BUILDERLESS = offsetof(struct bvhd_build, builder)
 };
 
 /*
- * Converts the options. `build` has one of its valid sizes. BVHD_INVALID, with the place
- * "build.format": a native target without a format, or a format of another target or of unknown size. The builder
- * judges the contents of the format, and targets that this library does not know.
+ * Converts the options. `build` has one of its valid sizes. BVHD_INVALID, with the place of the field, such as
+ * "build.builder" or "build.format": a native target without a format, or a format of another target or of unknown
+ * size. The builder judges the contents of the format, and targets that this library does not know.
  */
 enum bvhd_status format_options(const struct bvhd_build *build, struct build_options *ret_options,
                                 struct bvhd_error *error);

@@ -52,7 +52,8 @@ static struct build_input describe(const struct control_item *asked)
                     .target = (enum target)asked->target,
                     .layout_flags = asked->layout_flags,
                     .device = asked->device,
-                    .rays_per_primitive = asked->rays_per_primitive},
+                    .rays_per_primitive = asked->rays_per_primitive,
+                    .builder = (enum build_builder)asked->builder},
     };
 }
 

@@ -198,6 +198,7 @@ struct control_item outgoing_describe(const struct build_input *input)
         .reference_size = sizeof(struct reference_row),
         .device = input->options.device,
         .rays_per_primitive = rays_hint(&input->options),
+        .builder = input->options.builder,
     };
 }
 
@@ -226,6 +227,8 @@ static enum added add_build(struct draft *draft, uint32_t index)
     uint64_t size;
     if (!rows_payload_size(input, &size) || size > draft->connection->limits.max_payload)
         return fail(batch, index, BVHD_TOO_LARGE, "more bytes than the daemon takes");
+    if (input->options.builder != BUILDER_OWN && !draft->connection->limits.has_builders)
+        return fail(batch, index, BVHD_UNSUPPORTED, "the daemon's version has no builder but its own");
     enum added added = place_item(draft, index, size);
     if (added != ADDED)
         return added;

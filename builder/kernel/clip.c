@@ -54,23 +54,29 @@ static inline struct vec4_box cut_to(struct vec4_box box, struct vec4_box limit)
     return (struct vec4_box){vec4_select(good, min, limit.min), vec4_select(good, max, limit.max)};
 }
 
-struct clip_triangle clip_load(const struct canonical *canonical, uint32_t id)
+struct clip_triangle clip_from_corners(const vec4 corners[3])
 {
-    const struct canonical_geometry *geometry = &canonical->geometries[canonical_geometry_of(canonical, id)];
-    const uint64_t first = (uint64_t)3 * (id - geometry->first_primitive);
     struct clip_triangle triangle;
-    for (unsigned i = 0; i < 3; i++) {
-        uint64_t vertex = geometry->indices ? geometry->indices[first + i] : first + i;
-        triangle.corners[i] = vec4_load3(geometry->positions + 3 * vertex);
-    }
-    const vec4 *corners = triangle.corners;
     for (int i = 0; i < 3; i++) {
         vec4 from = corners[i], to = corners[i == 2 ? 0 : i + 1];
+        triangle.corners[i] = from;
         triangle.edges[i] = to - from;
         triangle.slacks[i] = (vec4_abs(from) + vec4_abs(to)) * 0x1p-21f + FLT_MIN;
     }
     vec4_transpose3(corners[0], corners[1], corners[2], &triangle.along[0], &triangle.along[1], &triangle.along[2]);
     return triangle;
+}
+
+struct clip_triangle clip_load(const struct canonical *canonical, uint32_t id)
+{
+    const struct canonical_geometry *geometry = &canonical->geometries[canonical_geometry_of(canonical, id)];
+    const uint64_t first = (uint64_t)3 * (id - geometry->first_primitive);
+    vec4 corners[3];
+    for (unsigned i = 0; i < 3; i++) {
+        uint64_t vertex = geometry->indices ? geometry->indices[first + i] : first + i;
+        corners[i] = vec4_load3(geometry->positions + 3 * vertex);
+    }
+    return clip_from_corners(corners);
 }
 
 void clip_cut(const struct clip_triangle *triangle, const struct vec4_box *limit, unsigned axis, float position,

@@ -26,6 +26,9 @@ struct clip_triangle {
     vec4 along[3]; /* corners by axis, one lane for each corner */
 };
 
+/* Returns the triangle with these corners, whose fourth lanes are 0. */
+struct clip_triangle clip_from_corners(const vec4 corners[3]);
+
 /* Loads primitive `id`, numbered over all geometries, of a canonical copy for which clip_allowed is true. */
 struct clip_triangle clip_load(const struct canonical *canonical, uint32_t id);
 

@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "builder/piece/binned.h"
+#include "builder/piece/embree.h"
 #include "builder/piece/ploc.h"
 #include "builder/piece/reinsertion.h"
 #include "builder/piece/spatial.h"
@@ -85,8 +86,33 @@ static enum bvhd_status build_clusters(const struct build *build, struct piece *
     return status;
 }
 
+static bool is_by_embree(enum pieces_method method)
+{
+    return method == PIECES_EMBREE_LOW || method == PIECES_EMBREE_MEDIUM || method == PIECES_EMBREE_HIGH;
+}
+
+static enum bvhd_status build_by_embree(const struct build *build, struct piece *piece)
+{
+    const struct pieces_request *request = build->request;
+    const enum pieces_method method = request->method;
+    const struct embree_request embree = {
+        .quality = method == PIECES_EMBREE_LOW    ? EMBREE_LOW
+                   : method == PIECES_EMBREE_HIGH ? EMBREE_HIGH
+                                                  : EMBREE_MEDIUM,
+        .canonical = request->canonical,
+        .refs = request->refs + piece->first,
+        .scratch = request->scratch + piece->first,
+        .count = piece->count,
+        .capacity = method == PIECES_EMBREE_HIGH ? piece->capacity : piece->count,
+        .leaf_max = request->leaf_max,
+    };
+    return embree_build(&embree, build->memory, &piece->ir, NULL);
+}
+
 static enum bvhd_status build_piece(const struct build *build, struct piece *piece)
 {
+    if (is_by_embree(build->request->method))
+        return build_by_embree(build, piece);
     return build->request->method == PIECES_SPATIAL ? build_spatial(build, piece) : build_clusters(build, piece);
 }
 
@@ -110,7 +136,7 @@ static void run_piece(void *context, size_t index)
     struct piece *piece = &build->pieces[build->order[index]];
     const struct pieces_request *request = build->request;
     piece->status = parallel_cancelled(request->cancel) ? BVHD_CANCELLED : build_piece(build, piece);
-    if (piece->status == BVHD_OK && request->method == PIECES_SPATIAL)
+    if (piece->status == BVHD_OK && request->method != PIECES_PLOC && request->method != PIECES_BINNED)
         piece->status = measure(build, piece);
     uint64_t done = atomic_fetch_add_explicit(&build->done, piece->count, memory_order_relaxed) + piece->count;
     if (request->progress && piece->status == BVHD_OK)
@@ -149,7 +175,7 @@ static void list_pieces(struct build *build, uint32_t count)
     qsort_r(build->order, count, sizeof *build->order, by_size, build->pieces);
 }
 
-/* Returns the first failure in the order of the pieces, but BVHD_NO_MEMORY before BVHD_CANCELLED. */
+/* Returns the first failure in the order of the pieces, but other ones before BVHD_CANCELLED. */
 static enum bvhd_status worst(const struct build *build, uint32_t count)
 {
     enum bvhd_status status = BVHD_OK;
@@ -159,8 +185,16 @@ static enum bvhd_status worst(const struct build *build, uint32_t count)
     return status;
 }
 
-enum bvhd_status pieces_build(const struct pieces_request *request, struct memory *memory,
-                              const struct parallel *parallel, struct pieces *ret_pieces, struct bvhd_error *error)
+static const char *reason_of(enum bvhd_status status)
+{
+    return status == BVHD_CANCELLED   ? "cancelled"
+           : status == BVHD_NO_MEMORY ? "no memory to build a tree"
+                                      : "Embree has failed to build a tree";
+}
+
+/* Does what pieces_build does, with Embree open if the method is one of Embree's. */
+static enum bvhd_status build_all(const struct pieces_request *request, struct memory *memory,
+                                  const struct parallel *parallel, struct pieces *ret_pieces, struct bvhd_error *error)
 {
     struct pieces pieces = {.count = request->tree->piece_count,
                             .tree = request->tree,
@@ -181,10 +215,23 @@ enum bvhd_status pieces_build(const struct pieces_request *request, struct memor
     memory_free(memory, build.order);
     if (status != BVHD_OK) {
         pieces_finish(&pieces);
-        return bvhd_error_set(error, status, "", status == BVHD_CANCELLED ? "cancelled" : "no memory to build a tree");
+        return bvhd_error_set(error, status, "", "%s", reason_of(status));
     }
     *ret_pieces = pieces;
     return BVHD_OK;
+}
+
+enum bvhd_status pieces_build(const struct pieces_request *request, struct memory *memory,
+                              const struct parallel *parallel, struct pieces *ret_pieces, struct bvhd_error *error)
+{
+    if (!is_by_embree(request->method))
+        return build_all(request, memory, parallel, ret_pieces, error);
+    enum bvhd_status status = embree_open(error);
+    if (status != BVHD_OK)
+        return status;
+    status = build_all(request, memory, parallel, ret_pieces, error);
+    embree_close();
+    return status;
 }
 
 void pieces_finish(struct pieces *pieces)

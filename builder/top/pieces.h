@@ -13,7 +13,15 @@
 #include "builder/top/split.h"
 #include "builder/top/wide_pieces.h"
 
-enum pieces_method { PIECES_PLOC, PIECES_BINNED, PIECES_SPATIAL };
+/* How the tree of a piece is made; the last three by Embree (embree.h). */
+enum pieces_method {
+    PIECES_PLOC,
+    PIECES_BINNED,
+    PIECES_SPATIAL,
+    PIECES_EMBREE_LOW,
+    PIECES_EMBREE_MEDIUM,
+    PIECES_EMBREE_HIGH
+};
 
 struct pieces_request {
     const struct split_tree *tree;
@@ -22,9 +30,9 @@ struct pieces_request {
     uint32_t capacity;
     enum pieces_method method;
     uint32_t leaf_max;
-    float cut_cost; /* cost of a cut between two leaves (leaves.h); not used by PIECES_SPATIAL */
-    const struct canonical *canonical; /* used by PIECES_SPATIAL only (spatial.h), like `price` */
-    float price;
+    float cut_cost; /* cost of a cut between two leaves (leaves.h); used by PIECES_PLOC and PIECES_BINNED */
+    const struct canonical *canonical; /* used by PIECES_SPATIAL and PIECES_EMBREE_HIGH only (spatial.h, embree.h) */
+    float price; /* used by PIECES_SPATIAL only (spatial.h) */
     /* NULL; or pieces are collapsed into wide trees at once, for pieces_join_wide; only with PIECES_PLOC */
     const struct collapse_options *collapse_at_once;
     const atomic_bool *cancel; /* may be NULL; checked every few thousand refs */
@@ -45,7 +53,8 @@ struct pieces {
 
 /*
  * Builds the trees. Bounds in the split's tree are not read. The caller ends *ret_pieces with pieces_finish; the
- * request's tree must live until then. Returns BVHD_CANCELLED or BVHD_NO_MEMORY.
+ * request's tree must live until then. Returns BVHD_CANCELLED or BVHD_NO_MEMORY; by Embree's methods also what
+ * embree_open and embree_build return.
  */
 enum bvhd_status pieces_build(const struct pieces_request *request, struct memory *memory,
                               const struct parallel *parallel, struct pieces *ret_pieces, struct bvhd_error *error);

@@ -138,6 +138,7 @@ struct preparation *preparation_create(const struct control_item *item, uint32_t
         .layout_flags = item->layout_flags,
         .device = item->device,
         .rays_per_primitive = item->rays_per_primitive,
+        .builder = (enum build_builder)item->builder,
     };
     memory_init_within(&preparation->memory, memory, UINT64_MAX);
     return preparation;

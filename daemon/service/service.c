@@ -4,6 +4,7 @@
 #include <unistd.h>
 
 #include "proto/base/clock.h"
+#include "builder/method.h"
 #include "daemon/system/log.h"
 #include "daemon/system/machine.h"
 #include "daemon/service/service_internal.h"
@@ -177,6 +178,7 @@ enum bvhd_status service_create(const struct service_options *options, void (*wa
     service->options = complete(options);
     service->wake = wake;
     service->wake_context = wake_context;
+    service->builders = method_builders();
     init_accounts(service);
     enum bvhd_status status = check_descriptors(&service->descriptors, error);
     if (status == BVHD_OK)

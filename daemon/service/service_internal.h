@@ -35,6 +35,7 @@ struct service {
     void (*wake)(void *context);
     void *wake_context;
     uint64_t started_ns;
+    uint32_t builders; /* bits 1 << BUILDER_ of those that can be asked for */
 
     /* accounts of memory */
     struct memory memory; /* the budget, of which the next two are shares */

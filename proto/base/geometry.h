@@ -121,6 +121,9 @@ enum build_quality {
     QUALITY_AUTO = 4,
 };
 
+/* Whose methods build the trees: bvhd's own, or those of Embree, which a daemon may lack. */
+enum build_builder { BUILDER_OWN = 0, BUILDER_EMBREE = 1 };
+
 /* The formats in which structures can be written. */
 enum target {
     TARGET_PORTABLE = 1,
@@ -141,6 +144,7 @@ struct build_options {
      * it.
      */
     float rays_per_primitive;
+    enum build_builder builder;
 };
 
 /* One entry of a batch. */

@@ -2,7 +2,6 @@
 #include "proto/base/memory.h"
 
 #include <assert.h>
-#include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -148,6 +147,16 @@ static void release(struct memory *memory, uint64_t size)
 {
     for (; memory; memory = memory->parent)
         release_one(memory, size);
+}
+
+bool memory_reserve(struct memory *memory, uint64_t size)
+{
+    return !injected_failure(memory) && reserve(memory, size);
+}
+
+void memory_release(struct memory *memory, uint64_t size)
+{
+    release(memory, size);
 }
 
 static struct header *header_of(void *block)

@@ -12,6 +12,7 @@
 #define BVHD_MEMORY_H
 
 #include <stdatomic.h>
+#include <stdbool.h>
 #include <stdint.h>
 
 struct bvhd_error;
@@ -62,6 +63,13 @@ void *memory_array(struct memory *memory, uint64_t count, uint64_t size);
  * During a copy both blocks count; a large block that stays large counts only the difference.
  */
 void *memory_resize(struct memory *memory, void *block, uint64_t size);
+
+/*
+ * Counts `size` bytes that a foreign library is about to allocate, as if they were a block; memory_release ends that.
+ * Returns false if the budget or a test refuses.
+ */
+bool memory_reserve(struct memory *memory, uint64_t size);
+void memory_release(struct memory *memory, uint64_t size);
 
 /*
  * Transfers a block to the parent of `memory` (there must be one), through which it is freed from then on. It no longer

@@ -63,6 +63,7 @@ struct control_welcome {
     uint64_t max_pool; /* bytes; 0: the daemon takes no pool */
     uint64_t max_payload; /* bytes in one item */
     uint64_t max_held; /* bytes of results in descriptors that a client which sends RELEASED should hold at most */
+    uint32_t builders; /* bits 1 << BUILDER_ of what items may ask for; 0: an older daemon, with BUILDER_OWN alone */
 };
 
 /* FRAME_POOL: offers the client's pool, which is the frame's descriptor. */
@@ -88,6 +89,7 @@ struct control_item {
     uint64_t payload_offset, payload_size; /* within the source */
     struct device_format device; /* for a native target */
     float rays_per_primitive;
+    uint32_t builder; /* BUILDER_ */
 };
 
 /*

@@ -23,11 +23,15 @@ struct item_row {
     uint8_t driver_uuid[16], compatibility_uuid[16]; /* from here on missing in clients older than native targets */
     uint32_t variant;
     float rays_per_primitive; /* missing in clients older than this field */
+    uint32_t builder, reserved; /* left out of the rows of a request for which these are 0, for older daemons */
 };
 
-enum { ITEM_ROW_SHORTEST = offsetof(struct item_row, driver_uuid) };
+enum {
+    ITEM_ROW_SHORTEST = offsetof(struct item_row, driver_uuid),
+    ITEM_ROW_BUILDERLESS = offsetof(struct item_row, builder)
+};
 
-_Static_assert(ITEM_ROW_SHORTEST == 80 && sizeof(struct item_row) == 120, "wire format");
+_Static_assert(ITEM_ROW_SHORTEST == 80 && ITEM_ROW_BUILDERLESS == 120 && sizeof(struct item_row) == 128, "wire format");
 
 static struct item_row item_to_row(const struct control_item *item)
 {
@@ -50,6 +54,7 @@ static struct item_row item_to_row(const struct control_item *item)
         .payload_size = item->payload_size,
         .variant = item->device.variant,
         .rays_per_primitive = item->rays_per_primitive,
+        .builder = item->builder,
     };
     memcpy(row.driver_uuid, item->device.driver_uuid, sizeof row.driver_uuid);
     memcpy(row.compatibility_uuid, item->device.compatibility_uuid, sizeof row.compatibility_uuid);
@@ -77,6 +82,7 @@ static struct control_item row_to_item(const struct item_row *row)
         .payload_size = row->payload_size,
         .device = {.variant = row->variant},
         .rays_per_primitive = row->rays_per_primitive,
+        .builder = row->builder,
     };
     memcpy(item.device.driver_uuid, row->driver_uuid, sizeof item.device.driver_uuid);
     memcpy(item.device.compatibility_uuid, row->compatibility_uuid, sizeof item.device.compatibility_uuid);
@@ -89,6 +95,14 @@ static enum bvhd_status too_many(const char *where, uint64_t count, uint64_t mos
                           (unsigned long long)most);
 }
 
+static uint32_t row_size(const struct control_build *build)
+{
+    for (uint32_t i = 0; i < build->item_count; i++)
+        if (build->items[i].builder != 0)
+            return sizeof(struct item_row);
+    return build->item_count > 0 ? ITEM_ROW_BUILDERLESS : 0;
+}
+
 enum bvhd_status control_pack_build(const struct control_build *build, struct memory *memory, struct bytes *ret_bytes,
                                     struct bvhd_error *error)
 {
@@ -96,19 +110,22 @@ enum bvhd_status control_pack_build(const struct control_build *build, struct me
         return too_many("build.items", build->item_count, CONTROL_MAX_ITEMS, error);
     if (build->memfd_count > CONTROL_MAX_MEMFDS)
         return too_many("build.memfds", build->memfd_count, CONTROL_MAX_MEMFDS, error);
-    struct item_row *rows = memory_array(memory, build->item_count, sizeof *rows);
+    const uint32_t size = row_size(build);
+    unsigned char *rows = memory_array(memory, build->item_count, size);
     if (build->item_count > 0 && !rows)
         return bvhd_error_no_memory(error, "build.items", "%u items", build->item_count);
-    for (uint32_t i = 0; i < build->item_count; i++)
-        rows[i] = item_to_row(&build->items[i]);
+    for (uint32_t i = 0; i < build->item_count; i++) {
+        const struct item_row row = item_to_row(&build->items[i]);
+        memcpy(rows + (uint64_t)i * size, &row, size);
+    }
     Bvhd__Build message;
     bvhd__build__init(&message);
     message.priority = build->priority;
     message.deadline_ms = build->deadline_ms;
     message.n_memfd_sizes = build->memfd_count;
     message.memfd_sizes = control_constant(build->memfd_sizes);
-    message.item_size = build->item_count > 0 ? sizeof *rows : 0;
-    message.items = (ProtobufCBinaryData){build->item_count * sizeof *rows, (uint8_t *)rows};
+    message.item_size = size;
+    message.items = (ProtobufCBinaryData){(size_t)build->item_count * size, rows};
     enum bvhd_status status = control_encode(&message.base, memory, ret_bytes, error);
     memory_free(memory, rows);
     return status;
@@ -116,7 +133,7 @@ enum bvhd_status control_pack_build(const struct control_build *build, struct me
 
 static enum bvhd_status check_rest(const unsigned char *row, uint32_t size, uint32_t item, struct bvhd_error *error)
 {
-    for (uint32_t at = sizeof(struct item_row); at < size; at++)
+    for (uint32_t at = offsetof(struct item_row, reserved); at < size; at++)
         if (row[at] != 0)
             return bvhd_error_set(error, BVHD_UNSUPPORTED, place("infos[%u]", item).text, "fields of a newer version");
     return BVHD_OK;

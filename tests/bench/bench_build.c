@@ -3,7 +3,7 @@
  * bench_build - measures how fast structures are built, beside rtcBuildBVH in the same run (MEDIUM, and LOW with
  * eight-wide nodes), and how good they are.
  *
- *     bench_build [--quality fast|balanced|high] [--runs N] [--threads N] SCENE.ply...
+ *     bench_build [--builder own|embree] [--quality fast|balanced|high] [--runs N] [--threads N] SCENE.ply...
  *
  * It measures with N threads, or else with 2 threads and with 1. For each scene it prints medians of N runs (5), in
  * which our build and Embree's alternate. "build" is the time of build(): boxes, splitting, pieces, joining, depth,
@@ -45,6 +45,7 @@ enum {
 };
 
 struct options {
+    enum build_builder builder;
     enum build_quality quality;
     int runs;
     unsigned threads; /* 0: two, and one */
@@ -150,6 +151,7 @@ static struct row measure(struct bench *bench, const char *path)
     if (!ply)
         exit(1);
     struct build_input input = ply_input(ply, bench->options->quality, &geometry);
+    input.options.builder = bench->options->builder;
     row.triangles = ply->triangle_count;
     for (int run = 0; run < bench->options->runs; run++) {
         run_ours(bench, &input, &row, times);
@@ -258,8 +260,8 @@ static void bench_threads(const struct options *options, unsigned threads, char 
     if (workers_create(threads, &workers, &error) != BVHD_OK)
         fail("start", &error);
     bench.parallel = workers_parallel(workers);
-    printf("%u thread%s, %s; times in ms, rates in million triangles a second, bytes a triangle\n", threads,
-           threads == 1 ? "" : "s", build_quality_name(options->quality));
+    printf("%u thread%s, builder %s, %s; times in ms, rates in million triangles a second, bytes a triangle\n", threads,
+           threads == 1 ? "" : "s", build_builder_name(options->builder), build_quality_name(options->quality));
     printf("%-18s %8s | %7s %7s %7s %7s %7s %7s %7s %7s %7s | %6s %6s %6s %5s %5s | %5s %5s | %7s %7s %7s | %5s %5s "
            "%5s %5s | %s\n",
            "scene", "tris", "prepare", "boxes", "split", "pieces", "join", "depth", "collaps", "write", "build", "rate",
@@ -286,7 +288,8 @@ static void bench_threads(const struct options *options, unsigned threads, char 
 
 static int usage(void)
 {
-    fprintf(stderr, "usage: bench_build [--quality fast|balanced|high] [--runs N] [--threads N] SCENE.ply...\n");
+    fprintf(stderr, "usage: bench_build [--builder own|embree] [--quality fast|balanced|high] [--runs N] "
+                    "[--threads N] SCENE.ply...\n");
     return 2;
 }
 
@@ -300,6 +303,8 @@ static bool parse(struct options *options, const char *name, const char *value)
         options->threads = (unsigned)atoi(value);
         return options->threads >= 1 && options->threads <= WORKERS_MAX_THREADS;
     }
+    if (strcmp(name, "--builder") == 0)
+        return build_builder_from_name(value, &options->builder);
     if (strcmp(name, "--quality") != 0)
         return false;
     for (enum build_quality quality = QUALITY_FAST; quality <= QUALITY_HIGH; quality++)
@@ -312,7 +317,7 @@ static bool parse(struct options *options, const char *name, const char *value)
 
 int main(int argc, char **argv)
 {
-    struct options options = {QUALITY_BALANCED, 5, 0};
+    struct options options = {BUILDER_OWN, QUALITY_BALANCED, 5, 0};
     int first = 1;
     for (; first + 1 < argc && strncmp(argv[first], "--", 2) == 0; first += 2)
         if (!parse(&options, argv[first], argv[first + 1]))

@@ -2,7 +2,8 @@
 /*
  * bench_cancel - measures how long a build continues after it was cancelled.
  *
- *     bench_cancel [--quality fast|balanced|high] [--triangles N] [--cancels N] [--threads N] [--seconds N] SCENE.ply
+ *     bench_cancel [--builder own|embree] [--quality fast|balanced|high] [--triangles N] [--cancels N] [--threads N]
+ *                  [--seconds N] SCENE.ply
  *
  * The scene is repeated side by side until it has N triangles (2,000,000). One build, with preparation and key, runs to
  * its end; then builds are cancelled (200 times) at moments spread evenly over that time. Printed is the time between
@@ -23,6 +24,7 @@
 #include "builder/workers.h"
 
 struct options {
+    enum build_builder builder;
     long quality; /* 0: each quality */
     long triangles, cancels, threads, seconds;
 };
@@ -188,6 +190,7 @@ static void measure(const struct ply *ply, enum build_quality quality, const str
     struct bvhd_error error;
     struct geometry geometry;
     struct build_input input = ply_input(ply, quality, &geometry);
+    input.options.builder = options->builder;
     struct sample *samples = calloc((size_t)options->cancels, sizeof *samples);
     long count = 0;
     memory_init(&memory, UINT64_MAX);
@@ -229,6 +232,8 @@ static int read_options(int argc, char **argv, struct options *options)
     for (; at + 1 < argc && strncmp(argv[at], "--", 2) == 0; at += 2) {
         if (strcmp(argv[at], "--quality") == 0)
             options->quality = quality_named(argv[at + 1]);
+        if (strcmp(argv[at], "--builder") == 0 && !build_builder_from_name(argv[at + 1], &options->builder))
+            fail("unknown builder");
         for (size_t i = 0; i < sizeof numbers / sizeof *numbers; i++)
             if (strcmp(argv[at], numbers[i].name) == 0)
                 *numbers[i].value = atol(argv[at + 1]);
@@ -242,8 +247,8 @@ int main(int argc, char **argv)
     int first = read_options(argc, argv, &options);
     if (first + 1 != argc || options.triangles < 1 || options.triangles > 100000000 || options.cancels < 1 ||
         options.cancels > 1000000 || options.threads < 1 || options.threads > 1024) {
-        fprintf(stderr, "usage: bench_cancel [--quality fast|balanced|high] [--triangles N] [--cancels N] "
-                        "[--threads N] [--seconds N] SCENE.ply\n");
+        fprintf(stderr, "usage: bench_cancel [--builder own|embree] [--quality fast|balanced|high] [--triangles N] "
+                        "[--cancels N] [--threads N] [--seconds N] SCENE.ply\n");
         return 2;
     }
     struct ply *ply = ply_read(argv[first]);

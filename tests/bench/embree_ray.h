@@ -3,7 +3,7 @@
 #ifndef BVHD_BENCH_EMBREE_RAY_H
 #define BVHD_BENCH_EMBREE_RAY_H
 
-#include "tests/bench/embree_version.h"
+#include "builder/piece/embree_version.h"
 #include "builder/traverse/traverse.h"
 
 static inline struct RTCRay embree_ray(const struct ray *ray)

@@ -7,7 +7,7 @@
 #include <string.h>
 #include <time.h>
 
-#include "tests/bench/embree_version.h"
+#include "builder/piece/embree_version.h"
 
 _Static_assert(sizeof(struct RTCBuildPrimitive) == sizeof(struct primitive_ref), "refs go to Embree as they are");
 _Static_assert(offsetof(struct RTCBuildPrimitive, lower_x) == offsetof(struct primitive_ref, min),

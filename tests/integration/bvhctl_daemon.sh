@@ -166,6 +166,22 @@ for options in '--layout fast-triangles' '--flags allow-update,low-memory' '--ge
     }
     expect "the same files: $options" same_sums "local/$options" "remote/$options"
 done
+# Embree builds the same in process and in the daemon, or is refused by name in both.
+for quality in fast balanced high; do
+    options="--builder embree --quality $quality"
+    # shellcheck disable=SC2086
+    if "$bvhctl" --local build ball.ply park.gltf -o "local/$options" $options >out 2>err; then
+        run 0 --socket "$s" build ball.ply park.gltf -o "remote/$options" $options --json
+        expect "the method is named: $options" grep -q '"method":"embree-' out
+        expect "nothing of the own builder is taken: $options" sh -c '! grep -q "\"cached\":true" out'
+        expect "the same files: $options" same_sums "local/$options" "remote/$options"
+        run 0 check "remote/$options" ball.ply --rays "${RAYS:-500}"
+    else
+        expect "the builder is named: $(cat err)" grep -q 'build.builder: ' err
+        run 1 --socket "$s" build ball.ply -o "remote/$options" $options
+        expect "the builder is named: $(cat err)" grep -q 'build.builder: ' err
+    fi
+done
 # Hints that lead to the same quality share its result, also with requests that name the quality.
 run 0 --socket "$s" build ball.ply -o remote/few --rays 0.01 --json
 expect 'few rays are for fast' grep -q '"quality":"fast"' out

@@ -2,7 +2,9 @@
 /*
  * random_inputs.c - tests the whole pipeline with random requests.
  *
- *     random_inputs [COUNT [SEED]]
+ *     random_inputs [--builder own|embree] [--quality fast|balanced|high] [COUNT [SEED]]
+ *
+ * Without --quality each request has a random one. Where there is no Embree, --builder embree does nothing.
  *
  * Rays through the result of each correct request are compared with brute force over the request, decoded by the test's
  * own code. As many requests again have something broken, and each of these must give a status.
@@ -13,11 +15,13 @@
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "builder/batch.h"
 #include "tests/support/builder/broken_input.h"
 #include "tests/support/builder/candidates.h"
 #include "builder/format/portable.h"
+#include "builder/piece/embree.h"
 #include "tests/support/builder/random_input.h"
 #include "tests/support/builder/random_top.h"
 #include "client/bvhctl/oracle/rays.h"
@@ -25,6 +29,8 @@
 enum { RAYS = 64, MOST_PRIMITIVES = 3000, MOST_BELOW_TOP = 400, FAILURES_SHOWN = 20 };
 
 struct run {
+    enum build_builder builder;
+    enum build_quality quality; /* UNSPECIFIED: that of each request */
     struct memory memory;
     struct build_context context;
     struct limits limits;
@@ -41,7 +47,9 @@ static void fail(struct run *run, const char *format, ...)
         return;
     va_list arguments;
     va_start(arguments, format);
-    fprintf(stderr, "random_inputs 1 %llu: ", (unsigned long long)run->seed);
+    fprintf(stderr, "random_inputs --builder %s%s%s 1 %llu: ", build_builder_name(run->builder),
+            run->quality ? " --quality " : "", run->quality ? build_quality_name(run->quality) : "",
+            (unsigned long long)run->seed);
     vfprintf(stderr, format, arguments);
     fprintf(stderr, "\n");
     va_end(arguments);
@@ -291,10 +299,21 @@ static struct oracle_mesh boxes_as_triangles(const struct random_meaning *meanin
 
 /* ---- one bottom level ---- */
 
+/* Returns the request with what the command line says. */
+static struct build_input as_told(const struct run *run, const struct build_input *input)
+{
+    struct build_input told = *input;
+    told.options.builder = run->builder;
+    if (run->quality)
+        told.options.quality = run->quality;
+    return told;
+}
+
 static bool build_one(struct run *run, const struct build_input *input, struct batch_item *ret_item)
 {
     struct bvhd_error error;
-    if (batch_build(input, 1, &run->limits, &run->context, ret_item, &error) != BVHD_OK) {
+    const struct build_input told = as_told(run, input);
+    if (batch_build(&told, 1, &run->limits, &run->context, ret_item, &error) != BVHD_OK) {
         fail(run, "batch: %s: %s", error.where, error.text);
         return false;
     }
@@ -468,7 +487,8 @@ static void run_broken(struct run *run, struct random *random)
     random_input_bottom(&good, random, 50);
     broken_input_init(&broken, random);
     good.input.destination = 1;
-    struct build_input inputs[3] = {good.input, broken.input, good.input};
+    const struct build_input told = as_told(run, &good.input);
+    struct build_input inputs[3] = {told, as_told(run, &broken.input), told};
     inputs[2].destination = 2;
     if (batch_build(inputs, 3, &run->limits, &run->context, items, &error) != BVHD_OK) {
         fail(run, "batch: %s: %s", error.where, error.text);
@@ -505,11 +525,31 @@ static void run_init(struct run *run)
     run->context = (struct build_context){.memory = &run->memory, .parallel = &parallel_serial};
 }
 
+static bool read_option(struct run *run, const char *name, const char *value)
+{
+    if (strcmp(name, "--builder") == 0)
+        return build_builder_from_name(value, &run->builder);
+    for (enum build_quality quality = QUALITY_FAST; quality <= QUALITY_HIGH; quality++)
+        if (strcmp(name, "--quality") == 0 && strcmp(value, build_quality_name(quality)) == 0) {
+            run->quality = quality;
+            return true;
+        }
+    return false;
+}
+
 int main(int argc, char **argv)
 {
-    uint64_t count = argc > 1 ? strtoull(argv[1], NULL, 10) : 400, seed = argc > 2 ? strtoull(argv[2], NULL, 10) : 1;
     struct run run;
+    struct embree_identity embree;
     run_init(&run);
+    for (; argc > 2 && strncmp(argv[1], "--", 2) == 0; argc -= 2, argv += 2)
+        if (!read_option(&run, argv[1], argv[2]))
+            return 2;
+    if (run.builder == BUILDER_EMBREE && embree_identify(&embree, NULL) != BVHD_OK) {
+        printf("there is no Embree here\n");
+        return 0;
+    }
+    uint64_t count = argc > 1 ? strtoull(argv[1], NULL, 10) : 400, seed = argc > 2 ? strtoull(argv[2], NULL, 10) : 1;
     for (uint64_t i = seed; i < seed + count; i++) {
         run_case(&run, i, i % 4 ? run_bottom : run_top);
         run_case(&run, i, run_broken);

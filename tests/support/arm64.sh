@@ -19,7 +19,7 @@ packages()
 {
     # shellcheck disable=SC2086 # lists of words
     printf '%s\n' gcc-aarch64-linux-gnu qemu-user-static python3 libcmocka-dev $setup_build_packages |
-        sed -e '/^gcc$/d' -e '/^lib.*-dev$/s/$/:arm64/' | tr '\n' ' '
+        sed -e '/^gcc$/d' -e '/^libembree-dev$/d' -e '/^lib.*-dev$/s/$/:arm64/' | tr '\n' ' '
 }
 
 # digests RUNNER BUILD SCENES OUT - a script that prints the digest of all files that bvhctl writes for each scene and

@@ -11,8 +11,8 @@ export LC_ALL=C
 setup_client_packages="gcc libc6-dev meson ninja-build pkg-config libvulkan-dev glslang-tools \
 libprotobuf-c-dev protobuf-c-compiler libssl-dev"
 setup_build_packages="$setup_client_packages libassimp-dev libcjson-dev libmeshoptimizer-dev \
-libjpeg-dev libpng-dev libuv1-dev libsystemd-dev libxxhash-dev"
-setup_bench_packages="cmake libembree-dev gnuplot-nox"
+libjpeg-dev libpng-dev libuv1-dev libsystemd-dev libxxhash-dev libembree-dev"
+setup_bench_packages="cmake gnuplot-nox"
 setup_check_packages="$setup_build_packages $setup_bench_packages g++ clang lld libclang-rt-dev libcmocka-dev systemd \
 python3-numpy python3-pip python3-setuptools python3-wheel mypy groff-base mandoc make"
 

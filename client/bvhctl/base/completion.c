@@ -21,6 +21,7 @@ static const struct {
     {OPTION_TARGET, ~0u, {COMPLETION_NAME, target_names, NULL}},
     {OPTION_PROBE, ~0u, {COMPLETION_FILE, NULL, "*.probe"}},
     {OPTION_QUALITY, ~0u, {COMPLETION_NAME, quality_names, NULL}},
+    {OPTION_BUILDER, ~0u, {COMPLETION_NAME, builder_names, NULL}},
     {OPTION_FLAGS, ~0u, {COMPLETION_LIST, build_flag_names, NULL}},
     {OPTION_LAYOUT, ~0u, {COMPLETION_LIST, layout_flag_names, NULL}},
     {OPTION_GEOMETRY_FLAGS, ~0u, {COMPLETION_LIST, geometry_flag_names, NULL}},

@@ -175,6 +175,9 @@ static enum bvhd_status parse_build_choice(int value, const char *text, struct o
     if (value == OPTION_TARGET) {
         status = parse_name("--target", target_names, text, &number, error);
         options->build.target = status ? options->build.target : (enum target)number;
+    } else if (value == OPTION_BUILDER) {
+        status = parse_name("--builder", builder_names, text, &number, error);
+        options->build.builder = (enum build_builder)number; /* own, if the name is unknown */
     } else {
         status = parse_name("--quality", quality_names, text, &number, error);
         options->build.quality = status ? options->build.quality : (enum build_quality)number;
@@ -252,6 +255,7 @@ static enum bvhd_status apply(int value, const char *text, struct options *optio
     switch (value) {
     case OPTION_TARGET:
     case OPTION_QUALITY:
+    case OPTION_BUILDER:
         return parse_build_choice(value, text, options, error);
     case OPTION_FLAGS:
         return parse_list("--flags", build_flag_names, text, &options->build_flags, error);

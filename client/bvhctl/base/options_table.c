@@ -17,6 +17,8 @@ const struct option_row option_rows[] = {
      "a file of 'bvhctl probe': build for the device that it describes; without --target, for the target that this "
      "device loads"},
     {"quality", OPTION_QUALITY, "NAME", ON_BUILD, "fast, balanced, high or auto (default: by --flags, else auto)"},
+    {"builder", OPTION_BUILDER, "NAME", ON_BUILD,
+     "own (default), or embree: Embree's LOW, MEDIUM and HIGH as fast, balanced and high, where there is Embree"},
     {"flags", OPTION_FLAGS, "LIST", ON_BUILD,
      "allow-update, allow-compaction, prefer-fast-trace, prefer-fast-build, low-memory, allow-data-access; separated "
      "by commas"},
@@ -139,6 +141,8 @@ const struct name_value layout_flag_names[] = {
 const struct name_value quality_names[] = {
     {"fast", QUALITY_FAST}, {"balanced", QUALITY_BALANCED}, {"high", QUALITY_HIGH}, {"auto", QUALITY_AUTO}, {NULL, 0},
 };
+
+const struct name_value builder_names[] = {{"own", BUILDER_OWN}, {"embree", BUILDER_EMBREE}, {NULL, 0}};
 
 const struct name_value target_names[] = {
     {"portable", TARGET_PORTABLE},

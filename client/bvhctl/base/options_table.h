@@ -45,6 +45,7 @@ enum {
     OPTION_TARGET,
     OPTION_PROBE,
     OPTION_QUALITY,
+    OPTION_BUILDER,
     OPTION_FLAGS,
     OPTION_LAYOUT,
     OPTION_GEOMETRY_FLAGS,
@@ -98,7 +99,7 @@ struct name_value {
 
 /* They end with a name that is NULL. */
 extern const struct name_value build_flag_names[], geometry_flag_names[], layout_flag_names[], quality_names[],
-    target_names[], axis_names[], cache_action_names[];
+    builder_names[], target_names[], axis_names[], cache_action_names[];
 
 /* The names of --device besides those of devices. The first is for pictures only. */
 extern const struct name_value device_names[];

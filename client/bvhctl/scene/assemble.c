@@ -80,6 +80,7 @@ static struct bvhd_build make_request(const struct options *options, uint32_t co
         .format = options->format,
         .rays_per_primitive = (float)options->rays,
         .deadline_ms = options->deadline_ms,
+        .builder = (enum bvhd_builder)options->build.builder,
     };
 }
 

@@ -45,6 +45,8 @@ static void write_options(struct json *json, const struct options *options)
     json_object(json, "options");
     write_optional(json, "target", find_name(target_names, options->build.target));
     write_optional(json, "quality", find_name(quality_names, options->build.quality));
+    if (options->build.builder != BUILDER_OWN)
+        json_text(json, "builder", find_name(builder_names, options->build.builder));
     write_flags(json, "flags", build_flag_names, options->build_flags);
     write_flags(json, "layout", layout_flag_names, options->build.layout_flags);
     write_flags(json, "geometry_flags", geometry_flag_names, options->geometry_flags);

@@ -203,6 +203,20 @@ enum bvhd_quality {
     BVHD_QUALITY_AUTO = 4, /* decided by the geometry and rays_per_primitive; balanced if rays_per_primitive is 0 */
 };
 
+/*
+ * Whose methods build the trees. Both give structures of the same formats and the same answers to rays. Embree's fast,
+ * balanced and high are its qualities LOW, MEDIUM and HIGH, and their bytes and keys are those of one version of
+ * Embree. A daemon, or a program's process, may be without Embree: then such builds fail with BVHD_UNSUPPORTED.
+ *
+ * A build by Embree in the program's own process loads libembree3.so.3 or libembree4.so.4, whichever libbvhd_build was
+ * made for. While it runs, it limits the threads of TBB in the process to one, unless the program has a device of
+ * Embree with more.
+ */
+enum bvhd_builder {
+    BVHD_BUILDER_OWN = 0, /* bvhd's own, which are faster and, with the quality high, better */
+    BVHD_BUILDER_EMBREE = 1, /* Embree's rtcBuildBVH, over pieces of a few thousand primitives */
+};
+
 /* The formats in which the service can write structures. */
 enum bvhd_target {
     BVHD_TARGET_PORTABLE = 1, /* read by shaders from storage buffers, and on the CPU */
@@ -298,6 +312,8 @@ struct bvhd_build {
      * stops within a few tens of milliseconds. As always, the program learns of it by calls of dispatch and wait.
      */
     uint32_t deadline_ms;
+    enum bvhd_builder builder; /* 0: bvhd's own */
+    uint32_t reserved; /* 0 */
 };
 
 /*
@@ -318,11 +334,11 @@ struct bvhd_build {
  * structure, or no longer, and BVHD_INVALID if it is a top level.
  *
  * An info that breaks a rule has that error as its result, as does every info that the service refuses:
- * BVHD_UNSUPPORTED when the daemon's version does not know the target, or does not take a rays_per_primitive other than
- * 0 where it would matter. The call itself fails only with BVHD_NO_MEMORY, with BVHD_INVALID if the struct bvhd_build
- * or one of its references is wrong, as "build.references[3].handle", or with BVHD_UNSUPPORTED and the place
- * "options.local_threads" if there is no daemon and no thread may build; where that shows later, it is the items'
- * error. The caller destroys the batch with bvhd_batch_destroy.
+ * BVHD_UNSUPPORTED when the daemon's version does not know the target, does not take a rays_per_primitive other than 0
+ * where it would matter, or has no Embree that could be the builder. The call itself fails only with BVHD_NO_MEMORY,
+ * with BVHD_INVALID if the struct bvhd_build or one of its references is wrong, as "build.references[3].handle", or
+ * with BVHD_UNSUPPORTED and the place "options.local_threads" if there is no daemon and no thread may build; where that
+ * shows later, it is the items' error. The caller destroys the batch with bvhd_batch_destroy.
  */
 BVHD_API enum bvhd_status bvhd_batch_submit(struct bvhd_client *client, const struct bvhd_build *build,
                                             struct bvhd_batch **ret_batch, struct bvhd_error *ret_error);
@@ -432,7 +448,10 @@ struct bvhd_result {
     uint32_t depth;
     double sah;
     double original_build_ms; /* duration of the build that made the bytes, whichever request caused it */
-    /* the algorithm that built it: "ploc", "spatial", "binned", or "none" if there are no primitives */
+    /*
+     * the algorithm that built it: "ploc", "spatial", "binned", by Embree "embree-low", "embree-medium", "embree-high",
+     * or "none" if there are no primitives
+     */
     const char *method;
     float bounds[6]; /* minimum, maximum: for bvhd_reference_from_result */
     /*

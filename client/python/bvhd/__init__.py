@@ -11,6 +11,7 @@ It needs the library libbvhd, which exists for Linux only.
 """
 from . import cpu
 from ._enums import (
+    Builder,
     BuildFlags,
     CacheAction,
     GeometryFlags,
@@ -40,6 +41,7 @@ __all__ = [
     "Batch",
     "BottomLevel",
     "BuildFlags",
+    "Builder",
     "CacheAction",
     "Client",
     "Container",

@@ -47,6 +47,13 @@ class Quality(enum.IntEnum):
     AUTO = 4
 
 
+class Builder(enum.IntEnum):
+    """Whose methods build the trees: enum bvhd_builder."""
+
+    OWN = 0
+    EMBREE = 1
+
+
 class CacheAction(enum.IntEnum):
     """What to do with the results that the service keeps: enum bvhd_cache_action."""
 

@@ -206,6 +206,8 @@ class Build(c.Structure):
         ("format", c.POINTER(Format)),
         ("rays_per_primitive", c.c_float),
         ("deadline_ms", c.c_uint32),
+        ("builder", c.c_int),
+        ("reserved", c.c_uint32),
     ]
 
 

@@ -12,7 +12,17 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _structs as s
-from ._enums import CacheAction, LayoutFlags, Local, Origin, Priority, Quality, Status, Target
+from ._enums import (
+    Builder,
+    CacheAction,
+    LayoutFlags,
+    Local,
+    Origin,
+    Priority,
+    Quality,
+    Status,
+    Target,
+)
 from ._errors import Error, check, error_from
 from ._handle import Handle
 from ._library import CALLBACK, lib
@@ -423,6 +433,7 @@ class Client:
         layout_flags: LayoutFlags = LayoutFlags.NONE,
         rays_per_primitive: float = 0.0,
         deadline: Optional[float] = None,
+        builder: Builder = Builder.OWN,
     ) -> Batch:
         """Requests structures and returns without waiting for them.
 
@@ -437,6 +448,7 @@ class Client:
         build.layout_flags = layout_flags
         build.rays_per_primitive = rays_per_primitive
         build.deadline_ms = 0 if deadline is None else max(1, round(deadline * 1000))
+        build.builder = builder
         if format is not None:
             build.format = c.pointer(format._struct)
         pointer, error = c.c_void_p(), s.Error()

@@ -6,7 +6,7 @@
 #include <stdatomic.h>
 #include <stdio.h>
 
-#include "tests/bench/embree_version.h"
+#include "builder/piece/embree_version.h"
 #include "tests/bench/bvhd_bench/method.h"
 
 /* Opens a device whose memory monitor counts the bytes that it holds in *live. Returns NULL when there is no device. */

@@ -8,6 +8,7 @@
 #include "builder/kernel/clip.h"
 #include "builder/format/portable.h"
 #include "builder/input/primitive.h"
+#include "tests/support/builder/builders.h"
 #include "tests/support/builder/test_ir.h"
 #include "builder/workers.h"
 
@@ -33,15 +34,16 @@ static struct box *boxes_of(const struct canonical *canonical)
 }
 
 /* Builds the binary tree and checks it against the primitives; the caller ends it. */
-static struct ir sound_ir(const struct canonical *canonical, enum build_quality quality,
-                          const struct build_context *context, struct build_stats *stats)
+static struct ir sound_ir_by(enum build_builder builder, const struct canonical *canonical, enum build_quality quality,
+                             const struct build_context *context, struct build_stats *stats)
 {
     struct build_options options = balanced;
     struct ir ir;
+    options.builder = builder;
     options.quality = quality;
     assert_int_equal(build_ir(canonical, &options, context, &ir, stats, NULL), BVHD_OK);
     struct box *boxes = boxes_of(canonical);
-    bool split = strcmp(stats->method, "spatial") == 0;
+    bool split = strcmp(stats->method, "spatial") == 0 || strcmp(stats->method, "embree-high") == 0;
     assert_int_equal(ir_check(&ir, canonical->primitive_count, boxes, split, context->memory, NULL), BVHD_OK);
     assert_int_equal(stats->depth, ir_depth(&ir, context->memory));
     assert_true(fabs(stats->sah - ir_sah(&ir)) <= 1e-9 * stats->sah);
@@ -52,11 +54,18 @@ static struct ir sound_ir(const struct canonical *canonical, enum build_quality 
     return ir;
 }
 
-static void every_kind_of_primitive_and_quality(void **state)
+static struct ir sound_ir(const struct canonical *canonical, enum build_quality quality,
+                          const struct build_context *context, struct build_stats *stats)
 {
-    (void)state;
-    static const char *const methods[] = {
-        [QUALITY_FAST] = "ploc", [QUALITY_BALANCED] = "binned", [QUALITY_HIGH] = "spatial"};
+    return sound_ir_by(BUILDER_OWN, canonical, quality, context, stats);
+}
+
+static void check_every_kind(enum build_builder builder)
+{
+    static const char *const methods[][QUALITY_HIGH + 1] = {
+        [BUILDER_OWN] = {[QUALITY_FAST] = "ploc", [QUALITY_BALANCED] = "binned", [QUALITY_HIGH] = "spatial"},
+        [BUILDER_EMBREE] = {
+            [QUALITY_FAST] = "embree-low", [QUALITY_BALANCED] = "embree-medium", [QUALITY_HIGH] = "embree-high"}};
     static const uint32_t types[] = {GEOMETRY_TRIANGLES, GEOMETRY_AABBS, GEOMETRY_INSTANCES};
     struct memory memory;
     memory_init(&memory, UINT64_MAX);
@@ -73,10 +82,10 @@ static void every_kind_of_primitive_and_quality(void **state)
                 test_model_make(&shape, count, &model);
                 for (uint32_t r = 0; r < model.canonical.reference_count; r++)
                     model.canonical.references[r].bounds = (struct box){{0, 0, 0}, {1, 1, 1}};
-                struct ir ir = sound_ir(&model.canonical, quality, &context, &stats);
+                struct ir ir = sound_ir_by(builder, &model.canonical, quality, &context, &stats);
                 bool splits = types[t] == GEOMETRY_TRIANGLES || quality != QUALITY_HIGH;
                 if (stats.refs > 0)
-                    assert_string_equal(stats.method, splits ? methods[quality] : "binned");
+                    assert_string_equal(stats.method, methods[builder][splits ? quality : QUALITY_BALANCED]);
                 assert_int_equal(stats.primitives, model.canonical.primitive_count);
                 assert_int_equal(stats.triangles, types[t] == GEOMETRY_TRIANGLES ? stats.primitives : 0);
                 assert_int_equal(stats.instances, types[t] == GEOMETRY_INSTANCES ? stats.primitives : 0);
@@ -84,6 +93,13 @@ static void every_kind_of_primitive_and_quality(void **state)
                 test_model_finish(&model);
             }
     assert_int_equal(memory.live, 0);
+}
+
+static void every_kind_of_primitive_and_quality(void **state)
+{
+    (void)state;
+    BUILDERS_FOR(builder)
+    check_every_kind(builder);
 }
 
 static void qualities_differ(void **state)
@@ -130,11 +146,16 @@ static void qualities_have_names(void **state)
     assert_string_equal(build_quality_name(QUALITY_FAST), "fast");
     assert_string_equal(build_quality_name(QUALITY_HIGH), "high");
     assert_string_equal(build_quality_name((enum build_quality)77), "unknown");
+    enum build_builder builder = BUILDER_OWN;
+    assert_true(build_builder_from_name("embree", &builder));
+    assert_int_equal(builder, BUILDER_EMBREE);
+    assert_false(build_builder_from_name("Embree", &builder));
+    assert_string_equal(build_builder_name(BUILDER_OWN), "own");
+    assert_string_equal(build_builder_name((enum build_builder)77), "unknown");
 }
 
-static void bytes_do_not_depend_on_threads(void **state)
+static void check_threads(enum build_builder builder)
 {
-    (void)state;
     struct memory memory;
     memory_init(&memory, UINT64_MAX);
     for (enum build_quality quality = QUALITY_FAST; quality <= QUALITY_HIGH; quality++) {
@@ -143,8 +164,11 @@ static void bytes_do_not_depend_on_threads(void **state)
         struct build_options options = balanced;
         unsigned char *first = NULL;
         uint64_t size = 0;
+        options.builder = builder;
         options.quality = quality;
-        shape.primitives = quality == QUALITY_HIGH ? 30000 : 20000; /* times two geometries: more than one piece */
+        shape.primitives = builder                   ? 3000
+                           : quality == QUALITY_HIGH ? 30000
+                                                     : 20000; /* times two geometries: more than one piece */
         test_model_make(&shape, 3, &model);
         for (unsigned threads = 1; threads <= 8; threads = threads * 3 - 1) {
             struct workers *workers;
@@ -169,10 +193,16 @@ static void bytes_do_not_depend_on_threads(void **state)
     assert_int_equal(memory.live, 0);
 }
 
-/* Builds work for magnitudes at the ends of float's range. */
-static void magnitudes_do_not_matter(void **state)
+static void bytes_do_not_depend_on_threads(void **state)
 {
     (void)state;
+    BUILDERS_FOR(builder)
+    check_threads(builder);
+}
+
+/* Builds work for magnitudes at the ends of float's range. */
+static void check_magnitudes(enum build_builder builder)
+{
     static const double sizes[] = {0, 1e-44, 1e-38, 1e-30, 1e-3, 1e18, 1e30, 3e38};
     struct memory memory;
     memory_init(&memory, UINT64_MAX);
@@ -187,13 +217,20 @@ static void magnitudes_do_not_matter(void **state)
                 shape.primitives = quality == QUALITY_HIGH ? 300 : 1500;
                 shape.size = sizes[i];
                 test_model_make(&shape, 6, &model);
-                struct ir ir = sound_ir(&model.canonical, quality, &context, &stats);
+                struct ir ir = sound_ir_by(builder, &model.canonical, quality, &context, &stats);
                 assert_true(type == GEOMETRY_TRIANGLES || stats.refs >= model.canonical.primitive_count);
                 assert_true(stats.depth < 40);
                 ir_finish(&ir);
                 test_model_finish(&model);
             }
     assert_int_equal(memory.live, 0);
+}
+
+static void magnitudes_do_not_matter(void **state)
+{
+    (void)state;
+    BUILDERS_FOR(builder)
+    check_magnitudes(builder);
 }
 
 static void scale_does_not_change_the_tree(void **state)
@@ -225,7 +262,7 @@ static void scale_does_not_change_the_tree(void **state)
  * Boxes whose distances from the origin grow by a constant factor, starting at `least`, make a tree whose natural depth
  * is over 64; its wide nodes must stay within the layout's limit.
  */
-static void limit_deep_trees(double least)
+static void limit_deep_trees(enum build_builder builder, double least)
 {
     enum { COUNT = 5000 };
     float *boxes = calloc(COUNT * 6, sizeof *boxes);
@@ -245,10 +282,11 @@ static void limit_deep_trees(double least)
     memory_init(&memory, UINT64_MAX);
     struct build_context context = context_over(&memory, &parallel_serial);
     for (enum build_quality quality = QUALITY_FAST; quality <= QUALITY_BALANCED; quality++) {
-        struct ir ir = sound_ir(&canonical, quality, &context, &stats);
+        struct ir ir = sound_ir_by(builder, &canonical, quality, &context, &stats);
         assert_true(stats.depth <= 64);
         ir_finish(&ir);
         struct build_options options = balanced;
+        options.builder = builder;
         options.quality = quality;
         assert_int_equal(build(&canonical, &options, &context, &blob, &stats, NULL), BVHD_OK);
         assert_int_equal(portable_open((struct bytes){blob, stats.sizes.total}, &memory, &view, NULL), BVHD_OK);
@@ -263,8 +301,11 @@ static void limit_deep_trees(double least)
 static void deep_trees_are_limited(void **state)
 {
     (void)state;
-    limit_deep_trees(1); /* reaches magnitudes at which the scene is rescaled */
-    limit_deep_trees(0x1p-40);
+    BUILDERS_FOR(builder)
+    {
+        limit_deep_trees(builder, 1); /* reaches magnitudes at which the scene is rescaled */
+        limit_deep_trees(builder, 0x1p-40);
+    }
 }
 
 static void empty_structures(void **state)
@@ -315,6 +356,10 @@ static void options_are_checked(void **state)
     options.layout_flags = 0x80000000;
     assert_int_equal(build(&model.canonical, &options, &context, &blob, &stats, &error), BVHD_UNSUPPORTED);
     assert_string_equal(error.where, "options.layoutFlags");
+    options = balanced;
+    options.builder = (enum build_builder)2;
+    assert_int_equal(build(&model.canonical, &options, &context, &blob, &stats, &error), BVHD_UNSUPPORTED);
+    assert_string_equal(error.where, "build.builder");
     test_model_finish(&model);
     assert_int_equal(memory.live, 0);
 }
@@ -323,9 +368,8 @@ static void options_are_checked(void **state)
  * Each allocation fails once: nothing leaks, the error is BVHD_NO_MEMORY, and the same input builds in the next
  * attempt.
  */
-static void failing_allocations_leave_nothing(void **state)
+static void fail_allocations(enum build_builder builder)
 {
-    (void)state;
     for (enum build_quality quality = QUALITY_FAST; quality <= QUALITY_HIGH; quality++) {
         struct test_shape shape = soup;
         struct test_model model;
@@ -333,6 +377,7 @@ static void failing_allocations_leave_nothing(void **state)
         struct build_options options = balanced;
         enum bvhd_status status = BVHD_NO_MEMORY;
         shape.primitives = quality == QUALITY_BALANCED ? 3000 : 300;
+        options.builder = builder;
         options.quality = quality;
         test_model_make(&shape, 1, &model);
         memory_init(&memory, UINT64_MAX);
@@ -353,6 +398,13 @@ static void failing_allocations_leave_nothing(void **state)
         assert_true(n > 15);
         test_model_finish(&model);
     }
+}
+
+static void failing_allocations_leave_nothing(void **state)
+{
+    (void)state;
+    BUILDERS_FOR(builder)
+    fail_allocations(builder);
 }
 
 struct cancelling {

@@ -7,6 +7,8 @@
 
 #include "builder/build.h"
 #include "builder/content_key.h"
+#include "builder/piece/embree.h"
+#include "tests/support/builder/builders.h"
 #include "builder/format/lavapipe.h"
 #include "builder/workers.h"
 
@@ -58,8 +60,8 @@ static struct key key_of(struct fixture *fixture, uint64_t size, enum build_qual
  */
 static struct key expected_key(const unsigned char *bytes, size_t size, const struct build_options *options)
 {
-    static unsigned char leaf[24 + LEAF], root[16 + 28 + 36 + 4 * 32];
-    memcpy(root, "bvhd key root 2", 16);
+    static unsigned char leaf[24 + LEAF], root[16 + 28 + 36 + 8 + 4 * 32];
+    memcpy(root, options->builder ? "bvhd key embree\0" : "bvhd key root 2", 16);
     const uint32_t fields[7] = {(uint32_t)size,
                                 0,
                                 BUILD_VERSION,
@@ -72,6 +74,12 @@ static struct key expected_key(const unsigned char *bytes, size_t size, const st
     if (options->target != TARGET_PORTABLE)
         memcpy(root + 44, &options->device, 36);
     size_t end = 16 + 28 + 36;
+    struct embree_identity embree;
+    if (options->builder == BUILDER_EMBREE) {
+        assert_int_equal(embree_identify(&embree, NULL), BVHD_OK);
+        memcpy(root + end, &embree, 8);
+        end += 8;
+    }
     for (size_t done = 0; done < size; done += LEAF, end += 32) {
         uint64_t length = size - done < LEAF ? size - done : LEAF;
         memcpy(leaf, "bvhd key leaf 1", 16);
@@ -95,12 +103,13 @@ static void keys_are_as_defined(void **state)
 {
     struct fixture *fixture = *state;
     const struct build_options options[] = {
-        {QUALITY_HIGH, TARGET_PORTABLE, PORTABLE_FAST_TRIANGLES, device, 0},
-        {QUALITY_HIGH, TARGET_LAVAPIPE, 0, device, 1},
+        {QUALITY_HIGH, TARGET_PORTABLE, PORTABLE_FAST_TRIANGLES, device, 0, BUILDER_OWN},
+        {QUALITY_HIGH, TARGET_LAVAPIPE, 0, device, 1, BUILDER_OWN},
+        {QUALITY_HIGH, TARGET_PORTABLE, PORTABLE_FAST_TRIANGLES, device, 0, builders_last()},
     };
-    for (int i = 0; i < 2 * SIZE_COUNT; i++) {
-        struct key key = key_for(fixture, sizes[i / 2], &options[i % 2], &parallel_serial);
-        struct key expected = expected_key(fixture->bytes, sizes[i / 2], &options[i % 2]);
+    for (int i = 0; i < 3 * SIZE_COUNT; i++) {
+        struct key key = key_for(fixture, sizes[i / 3], &options[i % 3], &parallel_serial);
+        struct key expected = expected_key(fixture->bytes, sizes[i / 3], &options[i % 3]);
         assert_true(key_equal(&key, &expected));
     }
 }
@@ -149,7 +158,7 @@ static void the_quality_is_the_one_that_is_built(void **state)
  */
 static void devices_matter_to_native_targets_alone(void **state)
 {
-    struct build_options options = {QUALITY_HIGH, TARGET_LAVAPIPE, 0, device, 0};
+    struct build_options options = {QUALITY_HIGH, TARGET_LAVAPIPE, 0, device, 0, BUILDER_OWN};
     struct key before = key_for(*state, 1000, &options, &parallel_serial);
     for (size_t i = 0; i < sizeof device; i++) {
         ((unsigned char *)&options.device)[i] ^= 1;
@@ -162,6 +171,19 @@ static void devices_matter_to_native_targets_alone(void **state)
     struct key plain = key_of(*state, 1000, QUALITY_HIGH, 0, &parallel_serial);
     assert_true(key_equal(&portable, &plain));
     assert_false(key_equal(&portable, &before));
+}
+
+static void builders_are_checked(void **state)
+{
+    struct fixture *fixture = *state;
+    const struct build_options options = {
+        .quality = QUALITY_FAST, .target = TARGET_PORTABLE, .builder = (enum build_builder)2};
+    const struct canonical canonical = {.bytes = fixture->bytes, .size = 1000};
+    const struct build_context context = {.memory = &fixture->memory, .parallel = &parallel_serial};
+    struct bvhd_error error;
+    struct key key;
+    assert_int_equal(content_key(&canonical, &options, &context, &key, &error), BVHD_UNSUPPORTED);
+    assert_string_equal(error.where, "build.builder");
 }
 
 /* Checks the first and last byte of every leaf, and some between. */
@@ -289,6 +311,7 @@ int main(void)
         cmocka_unit_test(every_option_matters),
         cmocka_unit_test(the_quality_is_the_one_that_is_built),
         cmocka_unit_test(devices_matter_to_native_targets_alone),
+        cmocka_unit_test(builders_are_checked),
         cmocka_unit_test(every_byte_matters),
         cmocka_unit_test(order_of_leaves_matters),
         cmocka_unit_test(an_unknown_target_is_unsupported),

@@ -103,7 +103,7 @@ static void values_that_do_not_exist_are_refused(void **state)
         {AT_QUALITY, QUALITY_UNSPECIFIED, "summary.quality"},
         {AT_QUALITY, QUALITY_AUTO, "summary.quality"},
         {AT_QUALITY, UINT32_MAX, "summary.quality"},
-        {AT_METHOD, 4, "summary.method"},
+        {AT_METHOD, 7, "summary.method"},
         {AT_METHOD, UINT32_MAX, "summary.method"},
     };
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {

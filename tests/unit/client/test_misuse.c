@@ -298,6 +298,7 @@ static void builds(void)
     BUILD(world.build.quality = (enum bvhd_quality)9, 0, BVHD_INVALID, "build.quality", "9 is no value");
     BUILD(world.build.priority = (enum bvhd_priority)5, 0, BVHD_INVALID, "build.priority", "5 is no value");
     BUILD(world.build.layout_flags = 0xf0, 0, BVHD_INVALID, "build.layout_flags", "portable has no bits 0xf0");
+    BUILD(world.build.builder = 2, 0, BVHD_INVALID, "build.builder", "2 is no value of enum bvhd_builder");
     BUILD(world.build.rays_per_primitive = NAN, 0, BVHD_INVALID, "build.rays_per_primitive", "nan");
     BUILD(world.build.rays_per_primitive = -1, 0, BVHD_INVALID, "build.rays_per_primitive", "-1");
     BUILD(world.build.target = (enum bvhd_target)77, 0, BVHD_UNSUPPORTED, "infos[0].options.target",

@@ -365,11 +365,13 @@ static void counts_and_sizes_are_checked(void **state)
     put_items(&writing, 120, 120 * CONTROL_MAX_ITEMS, 7);
     refuse("build", &writing, BVHD_OK, "");
     put_items(&writing, 124, 5 * 124, 7);
+    refuse("build", &writing, BVHD_OK, "");
+    put_items(&writing, 128, 5 * 128, 7);
     refuse("build", &writing, BVHD_UNSUPPORTED, "infos[0]");
-    put_items(&writing, 121, 5 * 121, 0);
+    put_items(&writing, 129, 5 * 129, 0);
     writing.bytes[writing.size - 1] = 1;
     refuse("build", &writing, BVHD_UNSUPPORTED, "infos[4]");
-    put_items(&writing, 124, 5 * 124, 0);
+    put_items(&writing, 128, 5 * 128, 0);
     writing.bytes[writing.size - 4] = 1;
     refuse("build", &writing, BVHD_UNSUPPORTED, "infos[4]");
     put_block(&writing, 4, 80, 0); /* the size of the rows is not declared */
@@ -467,12 +469,12 @@ static void older_rows_lack_their_end(void **state)
 {
     (void)state;
     enum { ROWS = 3 };
-    unsigned char whole[120];
+    unsigned char whole[124];
     for (size_t i = 0; i < sizeof whole; i++)
         whole[i] = (unsigned char)(i + 1);
     for (uint32_t size = 80; size <= 160; size += 4) {
         struct writing writing = {malloc(1000), 0};
-        uint32_t known = size < 120 ? size : 120;
+        uint32_t known = size < 124 ? size : 124;
         put_items(&writing, size, (uint64_t)ROWS * size, 0);
         for (uint32_t row = 0; row < ROWS; row++)
             memcpy(writing.bytes + writing.size - (uint64_t)(row + 1) * size, whole, known);
@@ -483,9 +485,10 @@ static void older_rows_lack_their_end(void **state)
             memcpy(&want, whole + 80, (known < 116 ? known : 116) - 80);
             assert_memory_equal(&build->items[row].device, &want, sizeof want);
             float rays = 0;
-            if (known == 120)
+            if (known >= 120)
                 memcpy(&rays, whole + 116, sizeof rays);
             assert_true(build->items[row].rays_per_primitive == rays);
+            assert_int_equal(build->items[row].builder, known == 124 ? 0x7c7b7a79 : 0);
             assert_int_equal(build->items[row].type, 0x04030201);
             assert_true(build->items[row].payload_size == UINT64_C(0x504f4e4d4c4b4a49));
         }

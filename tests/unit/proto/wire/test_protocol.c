@@ -270,6 +270,14 @@ static void item_rows_are_the_table(void **state)
     for (int i = 0; i < 36; i++)
         assert_int_equal(control.data[4 + 80 + i], i < 16 ? 17 : i < 32 ? 18 : i == 32 ? 19 : 0);
     memory_free(&memory, (void *)(uintptr_t)control.data);
+    item.builder = 20;
+    assert_int_equal(control_pack_build(&build, &memory, &control, NULL), BVHD_OK);
+    assert_int_equal(control.size, 6 + 128); /* each of the two sizes takes a byte more */
+    field(120, 4, "builder");
+    field(124, 4, "reserved");
+    assert_int_equal(bytes_get32(control.data + 6 + 120), 20);
+    assert_int_equal(bytes_get32(control.data + 6 + 124), 0);
+    memory_free(&memory, (void *)(uintptr_t)control.data);
 }
 
 int main(void)
