@@ -1,13 +1,27 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* builders.h - the builders that tests run over: bvhd's own, and Embree where it can be loaded. */
+/*
+ * builders.h - the builders that tests run over: bvhd's own, and Embree where it can be loaded. Some programs loop over
+ * them; others run once more with BVHD_TEST_BUILDER=embree in their environment.
+ */
 #ifndef BVHD_TEST_BUILDERS_H
 #define BVHD_TEST_BUILDERS_H
 
+#include <stdlib.h>
+
+#include "builder/build.h"
 #include "builder/method.h"
 
 static inline enum build_builder builders_last(void)
 {
     return method_builders() & 1U << BUILDER_EMBREE ? BUILDER_EMBREE : BUILDER_OWN;
+}
+
+/* Returns the builder that the environment names, or bvhd's own; and that also where there is no Embree. */
+static inline enum build_builder builders_asked(void)
+{
+    const char *name = getenv("BVHD_TEST_BUILDER");
+    enum build_builder builder = BUILDER_OWN;
+    return name && build_builder_from_name(name, &builder) && builder <= builders_last() ? builder : BUILDER_OWN;
 }
 
 /* A loop over the builders, with `name` as the one of each round. */

@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "tests/support/builder/test_scene.h"
 
+#include "tests/support/builder/builders.h"
+
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -52,6 +54,7 @@ static void build_row(struct test_scene *scene, struct build_input *input, struc
     struct bvhd_error error = {0};
     input->options.target = TARGET_PORTABLE;
     input->options.quality = scene->quality;
+    input->options.builder = builders_asked();
     struct bytes blob = build_item(scene, input, &scene->items[row]);
     must(portable_open(blob, &scene->memory, &scene->views[row], &error) == BVHD_OK, "open", &error);
     if (scene->device.variant == 0)

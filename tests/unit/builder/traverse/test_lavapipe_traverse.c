@@ -11,6 +11,7 @@
 #include <math.h>
 
 #include "tests/support/random.h"
+#include "tests/support/builder/builders.h"
 #include "tests/support/builder/test_scene.h"
 
 /* Makes triangles with sides of about `detail` in the cube [-1, 1)^3. Many have no area or are not finite. */
@@ -320,7 +321,9 @@ static void test_deep(void **state)
     test_scene_add(&scene, &geometry, 1, 0);
     struct test_instance instance = {.transform = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}, .mask = 1};
     for (int level = 0; level < 2; level++) {
-        assert_int_equal(scene.native_views[0].levels, LAVAPIPE_MAX_LEVELS);
+        if (builders_asked() == BUILDER_OWN) /* Embree's trees are less deep by themselves */
+            assert_int_equal(scene.native_views[0].levels, LAVAPIPE_MAX_LEVELS);
+        assert_true(scene.native_views[0].levels <= LAVAPIPE_MAX_LEVELS);
         for (int i = 0; i < COUNT; i++) {
             float size = ldexpf(1, i - COUNT / 2);
             struct ray ray = {
