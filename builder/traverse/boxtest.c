@@ -128,6 +128,21 @@ unsigned boxtest_beside(const struct boxtest_ray *ray, const struct portable_nod
     return hits;
 }
 
+unsigned boxtest_beside_unpacked(const struct boxtest_ray *ray, const struct unpacked_node *node, unsigned hits)
+{
+    for (int axis = 0; axis < 3; axis++) {
+        if (!(ray->parallel_axes >> axis & 1))
+            continue;
+        float slack = ray->parallel_slack[axis];
+        for (unsigned s = 0; s < 8; s++) {
+            float lo = node->planes[axis][s] - ray->origin[axis], hi = node->planes[3 + axis][s] - ray->origin[axis];
+            if (lo > slack + boxtest_gamma * fabsf(lo) || hi < -slack - boxtest_gamma * fabsf(hi))
+                hits &= ~(1u << s);
+        }
+    }
+    return hits;
+}
+
 unsigned boxtest_float(const struct boxtest_ray *ray, const struct portable_node *node, float tmax, float ret_near[8])
 {
     return kernel_float(ray, node, tmax, ret_near);

@@ -28,6 +28,10 @@
  * nodes in structures that have an outlier. Nodes with an axis on which 8u of that distance is more than about 1/64 of
  * the node use the test above.
  *
+ * Unpacked nodes have float planes p, which are met at (p - o) * inverse. Its error is relative: u for each of the
+ * reciprocal, the difference, the product and the sum with the slack. So reciprocals that are smaller and larger by 8u
+ * give the bounds, if distances that count are not negative: tmin is not. This has no term of the node's size.
+ *
  * An axis along which the ray hardly moves has no usable 1 / d. There the test compares the position, with a slack in
  * units of length that covers the small movement within the structure's bounds.
  */
@@ -35,6 +39,7 @@
 #define BVHD_BOXTEST_H
 
 #include "builder/format/portable.h"
+#include "builder/traverse/unpacked.h"
 
 /*
  * Offsets in bytes, within a node, of the planes that a ray meets first and last: lo or hi of each axis, chosen by the
@@ -103,6 +108,9 @@ unsigned boxtest_double(const struct boxtest_exact *ray, const struct portable_n
 
 /* Removes from `hits` the children whose boxes do not reach the ray's position along the parallel axes. */
 unsigned boxtest_beside(const struct boxtest_ray *ray, const struct portable_node *node, unsigned hits);
+
+/* Does the same for an unpacked node. */
+unsigned boxtest_beside_unpacked(const struct boxtest_ray *ray, const struct unpacked_node *node, unsigned hits);
 
 /*
  * Tests one exact box against the closed interval [tmin, tmax], in double. Because of rounding it can report a box that

@@ -224,6 +224,54 @@ BOXTEST_AVX2_INLINE unsigned kernel_avx2_slots(const struct boxtest_ray *ray, co
     return (unsigned)_mm256_movemask_ps(_mm256_cmp_ps(_mm256_castsi256_ps(near), _mm256_castsi256_ps(far), _CMP_LE_OQ));
 }
 
+/* The reciprocals of a direction, made smaller and larger by more than the error of a distance. */
+struct boxtest_scales {
+    _Alignas(16) float inner[4], outer[4];
+};
+
+/* Returns the reciprocals for a ray's tests of unpacked nodes. */
+BOXTEST_AVX2_INLINE struct boxtest_scales unpacked_scales(const struct boxtest_ray *ray)
+{
+    struct boxtest_scales scales;
+    __m128 inverse = _mm_load_ps(ray->inverse);
+    _mm_store_ps(scales.inner, _mm_mul_ps(inverse, _mm_set1_ps(1 - boxtest_gamma)));
+    _mm_store_ps(scales.outer, _mm_mul_ps(inverse, _mm_set1_ps(1 + boxtest_gamma)));
+    return scales;
+}
+
+/* Computes where a ray meets the eight planes at an offset in the node, plus a slack. */
+BOXTEST_AVX2_INLINE __m256i unpacked_distance(const struct boxtest_ray *ray, const struct unpacked_node *node, int axis,
+                                              uint32_t planes, const float scales[4], float slack)
+{
+    __m256 plane = _mm256_loadu_ps((const float *)(const void *)((const char *)node + planes));
+    __m256 offset = _mm256_sub_ps(plane, _mm256_broadcast_ss(&ray->origin[axis]));
+    return _mm256_castps_si256(_mm256_fmadd_ps(offset, _mm256_broadcast_ss(&scales[axis]), _mm256_set1_ps(slack)));
+}
+
+/*
+ * Tests the eight children of an unpacked node; ret_near are lower bounds of the distances. Empty slots are never met;
+ * parallel axes are ignored. The ray's tmin is not negative.
+ */
+BOXTEST_AVX2_INLINE unsigned kernel_unpacked(const struct boxtest_ray *ray, const struct boxtest_scales *scales,
+                                             const struct unpacked_node *node, float tmax, float ret_near[8])
+{
+    __m256i near[3], far[3];
+    for (int axis = 0; axis < 3; axis++) {
+        const uint32_t back = ray->backward >> axis & 1;
+        near[axis] = unpacked_distance(ray, node, axis, (back ? 3 : 0) * 32 + (uint32_t)axis * 32, scales->inner,
+                                       -ray->slack[axis]);
+        far[axis] = unpacked_distance(ray, node, axis, (back ? 0 : 3) * 32 + (uint32_t)axis * 32, scales->outer,
+                                      ray->slack[axis]);
+    }
+    __m256i first = _mm256_max_epi32(_mm256_max_epi32(near[0], near[1]),
+                                     _mm256_max_epi32(near[2], _mm256_castps_si256(_mm256_set1_ps(ray->tmin))));
+    __m256i last = _mm256_min_epi32(_mm256_min_epi32(far[0], far[1]),
+                                    _mm256_min_epi32(far[2], _mm256_castps_si256(_mm256_set1_ps(tmax))));
+    _mm256_storeu_si256((__m256i *)(void *)ret_near, first);
+    return (unsigned)_mm256_movemask_ps(
+        _mm256_cmp_ps(_mm256_castsi256_ps(first), _mm256_castsi256_ps(last), _CMP_LE_OQ));
+}
+
 /* Implements boxtest_avx2(). */
 BOXTEST_AVX2_INLINE unsigned kernel_avx2(const struct boxtest_ray *ray, const struct portable_node *node, float tmax,
                                          float ret_near[8])

@@ -13,6 +13,12 @@ static void identify(const struct traverse_state *state, uint32_t bottom, uint64
     *ret_primitive = (uint32_t)id - view->geometries[geometry].first_primitive;
 }
 
+void traverse_walk_begin(struct traverse_walk *walk, const struct scene *scene)
+{
+    walk->state.identify = identify;
+    walk->scene = scene;
+}
+
 static void visit_triangles(struct traverse_walk *walk, uint32_t first, uint32_t count)
 {
     struct traverse_state *state = &walk->state;
@@ -56,7 +62,7 @@ static void visit_nodes(struct traverse_walk *walk, traverse_leaf leaf)
     if (header->node_count == 0)
         return;
     if (walk->avx2 && leaf == visit_triangles && !walk->state.options->flip_order &&
-        traverse_avx2_triangles(&walk->state, walk->view))
+        traverse_avx2_triangles(&walk->state, walk->view, walk->unpacked))
         return;
     if (walk->avx2 && init_avx2(walk, &ray)) {
         traverse_loop_avx2(walk, &ray, leaf);
@@ -69,13 +75,26 @@ static void visit_nodes(struct traverse_walk *walk, traverse_leaf leaf)
     }
 }
 
-static void visit_bottom(struct traverse_walk *walk, const struct portable_view *view,
-                         const struct traverse_instance *instance)
+/*
+ * Returns the unpacked nodes that a single ray is to use. Those of a large structure miss the caches more often than
+ * the portable ones, which costs single rays more than they gain.
+ */
+static inline const struct unpacked_node *unpacked_of(const struct scene *scene, uint32_t bottom)
 {
+    enum { NODES_MAX = 1 << 15 };
+    if (!scene->unpacked || scene->bottoms[bottom]->header->node_count > NODES_MAX)
+        return NULL;
+    return scene->unpacked[bottom];
+}
+
+static void visit_bottom(struct traverse_walk *walk, uint32_t bottom, const struct traverse_instance *instance)
+{
+    const struct portable_view *view = walk->scene->bottoms[bottom];
     bool is_aabbs = view->header->content == PORTABLE_AABBS;
     if (view->header->content == PORTABLE_INSTANCES || !traverse_state_enter(&walk->state, instance, is_aabbs))
         return;
     walk->view = view;
+    walk->unpacked = unpacked_of(walk->scene, bottom);
     visit_nodes(walk, is_aabbs ? visit_aabbs : visit_triangles);
 }
 
@@ -86,15 +105,14 @@ static void visit_instance(struct traverse_walk *walk, uint32_t row)
     uint32_t bottom = scene->rows ? scene->rows[record->handle] : record->handle;
     if (!(record->custom_and_mask >> 24 & walk->state.ray->cull_mask) || bottom >= scene->bottom_count)
         return;
-    const struct portable_view *view = scene->bottoms[bottom];
-    if (!view)
+    if (!scene->bottoms[bottom])
         return;
     const struct traverse_instance instance = {record->custom_and_mask, record->sbt_and_flags, record->instance, bottom,
                                                row};
     traverse_state_to_object(&walk->state, record->object_to_world);
     walk->in_world = false;
     walk->state.counters.instances++;
-    visit_bottom(walk, view, &instance);
+    visit_bottom(walk, bottom, &instance);
 }
 
 static void visit_instances(struct traverse_walk *walk, uint32_t first, uint32_t count)
@@ -109,7 +127,7 @@ static void visit_scene(struct traverse_walk *walk)
     traverse_state_to_world(&walk->state);
     walk->in_world = true;
     if (!scene->top && scene->bottom_count && scene->bottoms[0]) {
-        visit_bottom(walk, scene->bottoms[0], NULL);
+        visit_bottom(walk, 0, NULL);
     } else if (scene->top && scene->top->header->content == PORTABLE_INSTANCES) {
         walk->view = scene->top;
         visit_nodes(walk, visit_instances);
@@ -128,7 +146,8 @@ static inline bool visit_triangles_only(struct traverse_walk *walk)
     const struct portable_header *header = scene->bottoms[0]->header;
     if (header->content > PORTABLE_TRIANGLES || header->node_count == 0)
         return false;
-    return !traverse_state_settle(&walk->state, NULL, false) || traverse_avx2_world(&walk->state, scene->bottoms[0]);
+    return !traverse_state_settle(&walk->state, NULL, false) ||
+           traverse_avx2_world(&walk->state, scene->bottoms[0], unpacked_of(scene, 0));
 }
 
 /* Calls boxtest_has_avx2() once. Threads that come first at the same time find the same result. */

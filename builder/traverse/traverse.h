@@ -19,6 +19,7 @@
 
 #include "builder/format/portable.h"
 #include "builder/traverse/ray.h"
+#include "builder/traverse/unpacked.h"
 
 /*
  * The scene to trace: one bottom level, or a top level with one view for each of its handles (NULL: the instance counts
@@ -29,6 +30,8 @@ struct scene {
     const struct portable_view *const *bottoms;
     uint32_t bottom_count;
     const uint32_t *rows; /* the row of bottoms for each handle of the top level; NULL: handle i is row i */
+    /* The nodes of each of the bottoms that is unpacked (unpacked.h), else NULL; NULL: none is. */
+    const struct unpacked_node *const *unpacked;
 };
 
 /* The any-hit decision about a candidate: whether it counts, and whether the ray ends. */

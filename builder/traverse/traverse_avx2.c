@@ -7,26 +7,9 @@
  * A child on the stack is a node, or a leaf: the two highest bits are 3, or the number of its records less 1; below
  * them is the node, or the first record. So of children at equal distances leaves come first.
  */
-#include "builder/traverse/boxtest_setup.h"
-#include "builder/traverse/traverse_walk.h"
-#include "builder/traverse/triangle_avx2.h"
+#include "builder/traverse/avx2_walk.h"
 
 #ifdef BOXTEST_AVX2
-
-/* Each level leaves at most 7 siblings on the stack; the last one can add all 8. */
-enum { STACK_SIZE = 7 * PORTABLE_MAX_DEPTH + 1 };
-
-enum { CHILD_KIND_SHIFT = 30, CHILD_INDEX_MASK = (1 << CHILD_KIND_SHIFT) - 1, CHILD_NODE = 3 };
-
-_Static_assert(PORTABLE_LEAF_MAX <= 3 && PORTABLE_MAX_ROWS - 1 <= (int)CHILD_INDEX_MASK, "a child fits into 32 bits");
-
-/* The data of one ray through triangles. */
-struct avx2_walk {
-    struct traverse_state *state;
-    const struct portable_view *view;
-    struct boxtest_ray boxes;
-    struct triangle_avx2_ray triangles;
-};
 
 BOXTEST_AVX2_INLINE __m256i load_bytes(const uint8_t from[8])
 {
@@ -40,12 +23,14 @@ BOXTEST_AVX2_INLINE uint32_t inner_child(const struct portable_node *node, unsig
 }
 
 /* Prefetches a child that is pushed on the stack. */
-BOXTEST_AVX2_INLINE void prefetch_child(const struct portable_view *view, uintptr_t record_rows, uint32_t child)
+BOXTEST_AVX2_INLINE void prefetch_child(const struct avx2_walk *walk, uintptr_t record_rows, uint32_t child)
 {
     enum { ROW = 16 };
-    const uintptr_t node_rows = sizeof *view->nodes / ROW, index = child & CHILD_INDEX_MASK;
+    const uintptr_t node_rows = (walk->unpacked ? sizeof *walk->unpacked : sizeof *walk->view->nodes) / ROW;
+    const uintptr_t index = child & CHILD_INDEX_MASK;
     const bool is_node = child >= (uint32_t)CHILD_NODE << CHILD_KIND_SHIFT;
-    const uintptr_t rows = (uintptr_t)(is_node ? (const void *)view->nodes : view->records);
+    const void *nodes = walk->unpacked ? (const void *)walk->unpacked : walk->view->nodes;
+    const uintptr_t rows = (uintptr_t)(is_node ? nodes : walk->view->records);
     const uintptr_t address = rows + ROW * (index * (is_node ? node_rows : record_rows));
     __builtin_prefetch((const void *)address);
     __builtin_prefetch((const void *)(address + 64)); /* a node can end in another cache line than it begins in */
@@ -89,6 +74,15 @@ BOXTEST_AVX2_INLINE unsigned test_boxes(const struct avx2_walk *walk, const stru
     return __builtin_expect(walk->boxes.parallel_axes != 0, 0) ? boxtest_beside(&walk->boxes, node, hits) : hits;
 }
 
+/* Does the same for an unpacked node, of which empty slots are never met. */
+BOXTEST_AVX2_INLINE unsigned test_unpacked(const struct avx2_walk *walk, const struct unpacked_node *node,
+                                           float ret_near[8])
+{
+    unsigned hits = kernel_unpacked(&walk->boxes, &walk->scales, node, walk->state->tmax_above, ret_near);
+    return __builtin_expect(walk->boxes.parallel_axes != 0, 0) ? boxtest_beside_unpacked(&walk->boxes, node, hits)
+                                                               : hits;
+}
+
 /*
  * Goes slot by slot, not by the bits that are set: the processor can then fetch a predicted leaf before its box test is
  * decided. Returns false if the ray is finished.
@@ -99,6 +93,19 @@ BOXTEST_AVX2_INLINE bool meet_leaves(const struct avx2_walk *walk, const struct 
     for (unsigned slot = 0; slot < 8; slot++) {
         const uint32_t meta = node->meta[slot]; /* the count is in unary: that many bits are set */
         if (leaves >> slot & 1 && !meet(walk, node->first_record + (meta & 31), meta >> 5, is_indexed))
+            return false;
+    }
+    return true;
+}
+
+/* Does the same for an unpacked node. */
+BOXTEST_AVX2_INLINE bool meet_unpacked_leaves(const struct avx2_walk *walk, const struct unpacked_node *node,
+                                              unsigned leaves, bool is_indexed)
+{
+    for (unsigned slot = 0; slot < 8; slot++) {
+        const uint32_t child = node->children[slot];
+        if (leaves >> slot & 1 &&
+            !meet(walk, child & CHILD_INDEX_MASK, (2u << (child >> CHILD_KIND_SHIFT)) - 1, is_indexed))
             return false;
     }
     return true;
@@ -116,6 +123,28 @@ BOXTEST_AVX2_INLINE uint32_t *push_inner(const struct portable_node *node, unsig
     return top;
 }
 
+BOXTEST_AVX2_INLINE uint32_t *push_unpacked_inner(const struct unpacked_node *nodes, const struct unpacked_node *node,
+                                                  unsigned inner, unsigned backward, uint32_t *top)
+{
+    __asm__("" : "+r"(backward));
+    for (unsigned i = 0; i < 8; i++)
+        if (inner >> (i ^ backward) & 1) {
+            const uint32_t index = node->children[i ^ backward] & CHILD_INDEX_MASK;
+            for (unsigned k = 0; k < 4; k++)
+                __builtin_prefetch((const char *)&nodes[index] + 64 * k);
+            *top++ = index;
+        }
+    return top;
+}
+
+/* Returns the slots of an unpacked node's inner children. */
+BOXTEST_AVX2_INLINE unsigned inner_slots(const struct unpacked_node *node)
+{
+    __m256 children = _mm256_loadu_ps((const float *)(const void *)node->children);
+    __m256 next = _mm256_castsi256_ps(_mm256_slli_epi32(_mm256_castps_si256(children), 1));
+    return (unsigned)_mm256_movemask_ps(_mm256_and_ps(children, next));
+}
+
 /*
  * Finds any hit. Leaves come first, then the inner children farthest along the ray's octant: most rays of this kind
  * start on a surface, which is near, and search for another one.
@@ -124,7 +153,7 @@ BOXTEST_AVX2 static void find_any(struct avx2_walk *walk)
 {
     const struct portable_node *nodes = walk->view->nodes;
     const bool is_indexed = walk->view->header->content == PORTABLE_INDEXED_TRIANGLES;
-    uint32_t stack[STACK_SIZE], *top = stack;
+    uint32_t stack[AVX2_STACK_SIZE], *top = stack;
     uint64_t visited = 0;
     float near[8];
     *top++ = 0;
@@ -137,6 +166,29 @@ BOXTEST_AVX2 static void find_any(struct avx2_walk *walk)
         const unsigned inner = hits & node->inner_mask;
         if (inner != 0)
             top = push_inner(node, inner, walk->boxes.backward, top);
+    }
+    walk->state->counters.nodes += visited;
+}
+
+BOXTEST_AVX2 void avx2_walk_any(struct avx2_walk *walk, uint32_t start)
+{
+    const struct unpacked_node *nodes = walk->unpacked;
+    const bool is_indexed = walk->view->header->content == PORTABLE_INDEXED_TRIANGLES;
+    uint32_t stack[AVX2_STACK_SIZE], *top = stack;
+    uint64_t visited = 0;
+    float near[8];
+    *top++ = start;
+    while (top > stack) {
+        const struct unpacked_node *node = &nodes[*--top];
+        const unsigned hits = test_unpacked(walk, node, near);
+        visited++;
+        if (hits == 0)
+            continue;
+        const unsigned inners = inner_slots(node), leaves = hits & ~inners, inner = hits & inners;
+        if (leaves != 0 && !meet_unpacked_leaves(walk, node, leaves, is_indexed))
+            break;
+        if (inner != 0)
+            top = push_unpacked_inner(nodes, node, inner, walk->boxes.backward, top);
     }
     walk->state->counters.nodes += visited;
 }
@@ -165,6 +217,18 @@ BOXTEST_AVX2_INLINE float near_of(uint64_t key)
     return _mm_cvtss_f32(_mm_castsi128_ps(_mm_cvtsi32_si128((int)(key >> 32))));
 }
 
+/* Sorts a child into those that the current node has pushed. Returns the nearer one of it and the nearest so far. */
+BOXTEST_AVX2_INLINE uint64_t push_later(const struct avx2_walk *walk, uintptr_t record_rows, uint64_t nearest,
+                                        uint64_t other, const uint64_t *base, uint64_t **top)
+{
+    uint64_t later = nearest > other ? nearest : other, *at = (*top)++;
+    for (; at > base && at[-1] < later; at--)
+        at[0] = at[-1];
+    *at = later;
+    prefetch_child(walk, record_rows, (uint32_t)later);
+    return nearest > other ? other : nearest;
+}
+
 /* Pushes all `hits` but the nearest, with the nearest of them on top, and returns the nearest. */
 BOXTEST_AVX2_INLINE uint64_t push_all_but_nearest(const struct avx2_walk *walk, uintptr_t record_rows,
                                                   const uint32_t near[8], const struct portable_node *node,
@@ -174,37 +238,60 @@ BOXTEST_AVX2_INLINE uint64_t push_all_but_nearest(const struct avx2_walk *walk, 
     uint64_t nearest = to_key(near[slot], child_in_slot(node, slot)), *base = *top;
     while (hits &= hits - 1) {
         slot = (unsigned)__builtin_ctz(hits);
-        uint64_t other = to_key(near[slot], child_in_slot(node, slot)), later = nearest > other ? nearest : other,
-                 *at = (*top)++;
-        nearest = nearest > other ? other : nearest;
-        for (; at > base && at[-1] < later; at--)
-            at[0] = at[-1];
-        *at = later;
-        prefetch_child(walk->view, record_rows, (uint32_t)later);
+        nearest = push_later(walk, record_rows, nearest, to_key(near[slot], child_in_slot(node, slot)), base, top);
     }
     return nearest;
 }
 
-BOXTEST_AVX2 static void find_closest(struct avx2_walk *walk)
+BOXTEST_AVX2_INLINE uint64_t push_unpacked(const struct avx2_walk *walk, uintptr_t record_rows, const uint32_t near[8],
+                                           const struct unpacked_node *node, unsigned hits, uint64_t **top)
 {
-    const struct portable_node *nodes = walk->view->nodes;
+    unsigned slot = (unsigned)__builtin_ctz(hits);
+    uint64_t nearest = to_key(near[slot], node->children[slot]), *base = *top;
+    while (hits &= hits - 1) {
+        slot = (unsigned)__builtin_ctz(hits);
+        nearest = push_later(walk, record_rows, nearest, to_key(near[slot], node->children[slot]), base, top);
+    }
+    return nearest;
+}
+
+/* Tests a node; pushes the children that are met but the nearest, which it returns in *ret_child. */
+BOXTEST_AVX2_INLINE bool open_node(const struct avx2_walk *walk, uint32_t index, uintptr_t record_rows, uint64_t **top,
+                                   uint32_t *ret_child)
+{
+    uint32_t near[8];
+    const struct portable_node *node = &walk->view->nodes[index];
+    __m256i meta = load_bytes(node->meta);
+    unsigned hits = test_boxes(walk, node, (float *)near);
+    hits &= (unsigned)_mm256_movemask_ps(_mm256_castsi256_ps(_mm256_cmpgt_epi32(meta, _mm256_setzero_si256())));
+    if (hits)
+        *ret_child = (uint32_t)push_all_but_nearest(walk, record_rows, near, node, hits, top);
+    return hits != 0;
+}
+
+BOXTEST_AVX2_INLINE bool open_unpacked(const struct avx2_walk *walk, uint32_t index, uintptr_t record_rows,
+                                       uint64_t **top, uint32_t *ret_child)
+{
+    uint32_t near[8];
+    const struct unpacked_node *node = &walk->unpacked[index];
+    unsigned hits = test_unpacked(walk, node, (float *)near);
+    if (hits)
+        *ret_child = (uint32_t)push_unpacked(walk, record_rows, near, node, hits, top);
+    return hits != 0;
+}
+
+BOXTEST_AVX2_INLINE void find_closest_in(struct avx2_walk *walk, uint32_t child, bool is_unpacked)
+{
     const bool is_indexed = walk->view->header->content == PORTABLE_INDEXED_TRIANGLES;
     const uintptr_t record_rows = is_indexed ? 1 : 3; /* in units of 16 bytes */
-    uint64_t stack[STACK_SIZE], *top = stack, visited = 0;
-    uint32_t child = (uint32_t)CHILD_NODE << CHILD_KIND_SHIFT;
+    uint64_t stack[AVX2_STACK_SIZE], *top = stack, visited = 0;
     for (;;) {
         uint32_t kind = child >> CHILD_KIND_SHIFT, index = child & CHILD_INDEX_MASK;
         if (kind == CHILD_NODE) {
-            uint32_t near[8];
-            const struct portable_node *node = &nodes[index];
-            __m256i meta = load_bytes(node->meta);
-            unsigned hits = test_boxes(walk, node, (float *)near);
-            hits &= (unsigned)_mm256_movemask_ps(_mm256_castsi256_ps(_mm256_cmpgt_epi32(meta, _mm256_setzero_si256())));
             visited++;
-            if (hits) {
-                child = (uint32_t)push_all_but_nearest(walk, record_rows, near, node, hits, &top);
+            if (is_unpacked ? open_unpacked(walk, index, record_rows, &top, &child)
+                            : open_node(walk, index, record_rows, &top, &child))
                 continue;
-            }
         } else if (!meet(walk, index, (2u << kind) - 1, is_indexed)) {
             break;
         }
@@ -219,51 +306,70 @@ end:
     walk->state->counters.nodes += visited;
 }
 
+BOXTEST_AVX2 static void find_closest(struct avx2_walk *walk)
+{
+    find_closest_in(walk, CHILD_ROOT, false);
+}
+
+BOXTEST_AVX2 void avx2_walk_closest(struct avx2_walk *walk, uint32_t child)
+{
+    find_closest_in(walk, child, true);
+}
+
 BOXTEST_AVX2_INLINE void find(struct avx2_walk *walk)
 {
-    if (walk->state->ray->flags & RAY_TERMINATE_ON_FIRST_HIT)
+    const bool is_any = walk->state->ray->flags & RAY_TERMINATE_ON_FIRST_HIT;
+    if (walk->unpacked && is_any)
+        avx2_walk_any(walk, 0);
+    else if (walk->unpacked)
+        avx2_walk_closest(walk, CHILD_ROOT);
+    else if (is_any)
         find_any(walk);
     else
         find_closest(walk);
 }
 
-BOXTEST_AVX2 bool traverse_avx2_triangles(struct traverse_state *state, const struct portable_view *view)
+BOXTEST_AVX2 bool traverse_avx2_triangles(struct traverse_state *state, const struct portable_view *view,
+                                          const struct unpacked_node *unpacked)
 {
     struct avx2_walk walk;
     walk.state = state;
     walk.view = view;
+    walk.unpacked = avx2_walk_can_unpack(state) ? unpacked : NULL;
     if (!boxtest_init_avx2(state->origin, state->direction, state->ray->tmin, view->header->bounds, &walk.boxes))
         return false;
     triangle_avx2_spread(&state->triangle_ray, &walk.triangles);
+    if (walk.unpacked)
+        walk.scales = unpacked_scales(&walk.boxes);
     find(&walk);
     return true;
 }
 
-BOXTEST_AVX2 bool traverse_avx2_world(struct traverse_state *state, const struct portable_view *view)
+BOXTEST_AVX2 bool traverse_avx2_world(struct traverse_state *state, const struct portable_view *view,
+                                      const struct unpacked_node *unpacked)
 {
     struct avx2_walk walk;
-    __m128 origin = _mm_loadu_ps(state->ray->origin), direction = _mm_loadu_ps(state->ray->direction);
-    walk.state = state;
-    walk.view = view;
-    if (!setup_floats(origin, direction, state->ray->tmin, view->header->bounds, &walk.boxes))
+    if (!avx2_walk_init(&walk, state, view, unpacked))
         return false;
-    triangle_avx2_init(origin, direction, &state->triangle_ray, &walk.triangles);
     find(&walk);
     return true;
 }
 
 #else
 
-bool traverse_avx2_triangles(struct traverse_state *state, const struct portable_view *view)
+bool traverse_avx2_triangles(struct traverse_state *state, const struct portable_view *view,
+                             const struct unpacked_node *unpacked)
 {
     (void)state;
     (void)view;
+    (void)unpacked;
     return false;
 }
 
-bool traverse_avx2_world(struct traverse_state *state, const struct portable_view *view)
+bool traverse_avx2_world(struct traverse_state *state, const struct portable_view *view,
+                         const struct unpacked_node *unpacked)
 {
-    return traverse_avx2_triangles(state, view);
+    return traverse_avx2_triangles(state, view, unpacked);
 }
 
 #endif

@@ -6,9 +6,8 @@
 /* Each level leaves at most 7 siblings on the stack; the last one can add all 8. */
 enum { STACK_SIZE = 7 * PORTABLE_MAX_DEPTH + 1 };
 
-enum { CHILD_COUNT_SHIFT = 30, CHILD_INDEX_MASK = (1 << CHILD_COUNT_SHIFT) - 1 };
-
-_Static_assert(PORTABLE_LEAF_MAX <= 3 && PORTABLE_MAX_ROWS - 1 <= (int)CHILD_INDEX_MASK, "a child fits into 32 bits");
+/* Here the two highest bits of a child are the number of its records; 0: it is a node. */
+enum { CHILD_COUNT_SHIFT = CHILD_KIND_SHIFT };
 
 /* Returns the stack entry of the child in a slot. */
 BOXTEST_INLINE uint32_t child_in_slot(const struct portable_node *node, unsigned slot)

@@ -16,9 +16,13 @@ struct traverse_walk {
     struct traverse_state state; /* first, because identify() casts it back to the walk */
     const struct scene *scene;
     const struct portable_view *view; /* of the level that is being traversed */
+    const struct unpacked_node *unpacked; /* its nodes, if it is an unpacked bottom level */
     bool in_world; /* the ray is in world space, exactly as the caller gave it */
     bool avx2; /* the machine has AVX2, and the caller does not forbid it */
 };
+
+/* Gives a walk its scene. */
+void traverse_walk_begin(struct traverse_walk *walk, const struct scene *scene);
 
 /* Processes the records of a leaf that the ray reached. */
 typedef void (*traverse_leaf)(struct traverse_walk *walk, uint32_t first, uint32_t count);
@@ -33,8 +37,10 @@ void traverse_loop_double(struct traverse_walk *walk, const struct boxtest_exact
  * is true. The state is ready for its primitives; for _world the triangle_ray is missing and the ray is in world space.
  * They return false, and do nothing, if boxes have to be tested in another way.
  */
-bool traverse_avx2_triangles(struct traverse_state *state, const struct portable_view *view);
-bool traverse_avx2_world(struct traverse_state *state, const struct portable_view *view);
+bool traverse_avx2_triangles(struct traverse_state *state, const struct portable_view *view,
+                             const struct unpacked_node *unpacked);
+bool traverse_avx2_world(struct traverse_state *state, const struct portable_view *view,
+                         const struct unpacked_node *unpacked);
 
 /* Find the corners of a triangle record and return its id: for indexed triangles, for stored ones, for either. */
 static inline uint32_t traverse_corners_indexed(const struct portable_view *view, uint32_t record,

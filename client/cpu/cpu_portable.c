@@ -2,15 +2,31 @@
 /* cpu_portable.c - scenes of portable structures. */
 #include "client/cpu/cpu_scene.h"
 
+#include <inttypes.h>
 #include <string.h>
 
+#include "builder/traverse/boxtest.h"
 #include "client/library.h"
+
+/* Unpacks the nodes of triangles where the traversal uses them. */
+static enum bvhd_status unpack(struct cpu_structure *structure, struct bvhd_error *error)
+{
+    const struct portable_header *header = structure->view.portable.header;
+    if (header->content > PORTABLE_TRIANGLES || header->node_count == 0 || !boxtest_has_avx2())
+        return BVHD_OK;
+    structure->unpacked = memory_array(&library_memory, header->node_count, sizeof *structure->unpacked);
+    if (!structure->unpacked)
+        return bvhd_error_no_memory(error, "data", "no memory to unpack %" PRIu32 " nodes", header->node_count);
+    unpacked_fill(&structure->view.portable, structure->unpacked);
+    return BVHD_OK;
+}
 
 static enum bvhd_status open_structure(struct cpu_structure *structure, struct bvhd_error *error)
 {
     if ((uintptr_t)structure->blob.data % 16 != 0)
         return bvhd_error_set(error, BVHD_INVALID, "data", "a portable structure is aligned to 16 bytes");
-    return portable_open(structure->blob, &library_memory, &structure->view.portable, error);
+    enum bvhd_status status = portable_open(structure->blob, &library_memory, &structure->view.portable, error);
+    return status == BVHD_OK ? unpack(structure, error) : status;
 }
 
 static enum cpu_level level(const struct cpu_structure *structure)
@@ -25,14 +41,20 @@ static bool make_walk(struct bvhd_cpu_scene *scene)
         memory_array(&library_memory, (uint64_t)scene->bottom_count + 1, sizeof *bottoms);
     if (!bottoms)
         return false;
-    for (uint32_t i = 0; i < scene->bottom_count; i++)
-        bottoms[i] = scene->structures[i].blob.data ? &scene->structures[i].view.portable : NULL;
     scene->views = bottoms;
+    scene->unpacked = memory_array(&library_memory, (uint64_t)scene->bottom_count + 1, sizeof *scene->unpacked);
+    if (!scene->unpacked)
+        return false;
+    for (uint32_t i = 0; i < scene->bottom_count; i++) {
+        bottoms[i] = scene->structures[i].blob.data ? &scene->structures[i].view.portable : NULL;
+        scene->unpacked[i] = scene->structures[i].unpacked;
+    }
     scene->walk.portable = (struct scene){
         .top = top ? &top->view.portable : NULL,
         .bottoms = bottoms,
         .bottom_count = scene->bottom_count,
         .rows = scene->rows,
+        .unpacked = scene->unpacked,
     };
     return true;
 }

@@ -21,6 +21,8 @@ struct cpu_structure {
         struct portable_view portable;
         struct lavapipe_view lavapipe;
     } view; /* by target; empty if there is no blob */
+    struct unpacked_node *unpacked; /* the nodes of a portable bottom level of triangles, if the machine uses them */
+    bool is_shared; /* the view and the unpacked nodes belong to another structure with the same data */
 };
 
 struct cpu_target;
@@ -35,6 +37,7 @@ struct bvhd_cpu_scene {
     uint32_t bottom_count; /* the first structures; the last one is the top level if there are fewer of these */
     uint32_t *rows; /* the bottom level of each handle, if the caller has said which; else NULL */
     void *views; /* pointers to the views of the bottom levels, NULL where there is none */
+    const struct unpacked_node **unpacked; /* portable: those of the bottom levels, or NULL */
     union {
         struct scene portable;
         struct lavapipe_scene lavapipe;
@@ -44,7 +47,7 @@ struct bvhd_cpu_scene {
 /* The functions of one target. A hit that is passed to them names a bottom level that is there. */
 struct cpu_target {
     enum target target;
-    /* Opens a hostile blob, of which structure->blob is set. */
+    /* Opens a hostile blob, of which structure->blob is set, and prepares it for rays. */
     enum bvhd_status (*open)(struct cpu_structure *structure, struct bvhd_error *error);
     enum cpu_level (*level)(const struct cpu_structure *structure);
     /* Makes scene->views and scene->walk. Returns false if there is no memory. */

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "client/cpu/cpu_scene.h"
+#include "builder/traverse/traverse_group.h"
 #include "client/argument.h"
 #include "proto/base/place.h"
 
@@ -190,41 +191,106 @@ static enum candidate_verdict ask(void *context, const struct ray *ray, const st
 
 /* ---- Tracing ---- */
 
+/* The rays of a call, and how far they are traced. */
+struct tracing {
+    const struct bvhd_cpu_trace *trace;
+    const unsigned char *from; /* the next ray */
+    unsigned char *to;
+    uint64_t index;
+    size_t ray_stride, hit_stride;
+    uint32_t more_flags;
+};
+
+/* Reads a ray. Returns false if it is not sound. */
+static inline bool read_ray(const struct tracing *tracing, const unsigned char *from, struct ray *ret_ray)
+{
+    memcpy(ret_ray, from, sizeof *ret_ray);
+    if (!flags_are_sound(ret_ray->flags) || !rest_is_sound(from, tracing->trace->ray_size))
+        return false;
+    ret_ray->flags |= tracing->more_flags;
+    return true;
+}
+
+/* Writes as much of a hit as the program wants. Nearly all want all of it, for which the compiler needs no call. */
+static inline void write_hit(unsigned char *to, const struct ray_hit *hit, size_t size)
+{
+    if (size == sizeof *hit)
+        memcpy(to, hit, sizeof *hit);
+    else
+        memcpy(to, hit, size);
+}
+
+static inline void advance(struct tracing *tracing, uint32_t count)
+{
+    tracing->from += count * tracing->ray_stride;
+    tracing->to += count * tracing->hit_stride;
+    tracing->index += count;
+}
+
+/* Traces the next ray. Returns false if it is not sound. */
+static bool trace_one(const struct bvhd_cpu_scene *scene, struct tracing *tracing,
+                      const struct traverse_options *options, struct traverse_counters *counters)
+{
+    struct ray ray;
+    struct ray_hit hit;
+    struct candidate_ray *asking = options->context;
+    if (!read_ray(tracing, tracing->from, &ray))
+        return false;
+    asking->at = tracing->from;
+    asking->index = tracing->index;
+    bool is_hit = scene->target == &cpu_portable
+                      ? traverse(&scene->walk.portable, &ray, options, &hit, counters)
+                      : lavapipe_traverse(&scene->walk.lavapipe, &ray, options, &hit, counters);
+    write_hit(tracing->to, is_hit ? &hit : &miss, tracing->trace->hit_size);
+    advance(tracing, 1);
+    return true;
+}
+
+/* Traces the next rays together. Returns false if one is not sound; those before it are traced. */
+static bool trace_some(struct tracing *tracing, struct traverse_stream *stream)
+{
+    struct ray rays[TRAVERSE_GROUP];
+    struct ray_hit hits[TRAVERSE_GROUP];
+    const uint64_t left = tracing->trace->ray_count - tracing->index;
+    uint32_t count = 0, wanted = left < TRAVERSE_GROUP ? (uint32_t)left : TRAVERSE_GROUP;
+    while (count < wanted && read_ray(tracing, tracing->from + count * tracing->ray_stride, &rays[count]))
+        count++;
+    if (count == 0)
+        return false;
+    uint64_t is_hit = traverse_group(stream, rays, count, hits);
+    for (uint32_t i = 0; i < count; i++)
+        write_hit(tracing->to + i * tracing->hit_stride, is_hit >> i & 1 ? &hits[i] : &miss, tracing->trace->hit_size);
+    advance(tracing, count);
+    return count == wanted;
+}
+
 /* Traces all rays. Stops at one that is not sound, and returns its index; else ray_count. */
 static uint64_t trace_rays(const struct bvhd_cpu_scene *scene, const struct bvhd_cpu_trace *trace,
                            struct traverse_counters *counters)
 {
-    const unsigned char *from = trace->rays;
-    unsigned char *to = trace->hits;
-    const size_t ray_size = trace->ray_size, ray_stride = trace->ray_stride ? trace->ray_stride : ray_size;
-    const size_t hit_size = trace->hit_size, hit_stride = trace->hit_stride ? trace->hit_stride : hit_size;
-    const bool is_portable = scene->target == &cpu_portable;
-    const uint32_t more_flags = trace->flags & BVHD_CPU_TRACE_ANY_HIT ? RAY_TERMINATE_ON_FIRST_HIT : 0;
-    const bool is_whole =
-        hit_size == sizeof(struct ray_hit) && ((uintptr_t)to | hit_stride) % _Alignof(struct ray_hit) == 0;
+    struct tracing tracing = {
+        .trace = trace,
+        .from = trace->rays,
+        .to = trace->hits,
+        .ray_stride = trace->ray_stride ? trace->ray_stride : trace->ray_size,
+        .hit_stride = trace->hit_stride ? trace->hit_stride : trace->hit_size,
+        .more_flags = trace->flags & BVHD_CPU_TRACE_ANY_HIT ? RAY_TERMINATE_ON_FIRST_HIT : 0,
+    };
     struct candidate_ray asking = {.trace = trace};
     const struct traverse_options options = {
         .candidate = trace->candidate ? ask : NULL,
         .context = &asking,
         .flip_order = trace->flags & BVHD_CPU_TRACE_FLIP_ORDER,
     };
-    for (uint64_t i = 0; i < trace->ray_count; i++, from += ray_stride, to += hit_stride) {
-        struct ray ray;
-        struct ray_hit part, *hit = is_whole ? (struct ray_hit *)(void *)to : &part;
-        memcpy(&ray, from, sizeof ray);
-        if (!flags_are_sound(ray.flags) || !rest_is_sound(from, ray_size))
-            return i;
-        ray.flags |= more_flags;
-        asking.at = from;
-        asking.index = i;
-        bool is_hit = is_portable ? traverse(&scene->walk.portable, &ray, &options, hit, counters)
-                                  : lavapipe_traverse(&scene->walk.lavapipe, &ray, &options, hit, counters);
-        if (!is_hit)
-            *hit = miss;
-        if (!is_whole)
-            memcpy(to, &part, hit_size);
+    struct traverse_stream stream = {.scene = &scene->walk.portable, .options = &options, .counters = counters};
+    const bool are_many = trace->ray_count > 1 && scene->target == &cpu_portable && traverse_groups_pay(&stream);
+    bool is_sound = true;
+    while (is_sound && tracing.index < trace->ray_count) {
+        const bool is_together = are_many && stream.alone == 0;
+        is_sound = is_together ? trace_some(&tracing, &stream) : trace_one(scene, &tracing, &options, counters);
+        stream.alone -= stream.alone > 0;
     }
-    return trace->ray_count;
+    return tracing.index;
 }
 
 enum bvhd_status bvhd_cpu_scene_trace(const struct bvhd_cpu_scene *scene, const struct bvhd_cpu_trace *trace,

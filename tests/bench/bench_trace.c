@@ -3,15 +3,14 @@
  * bench_trace.c - measures rays a second through a portable structure, compared with Embree's rtcIntersect1 and
  * rtcOccluded1 on its own robust scene of the same triangles.
  *
- *     bench_trace [--size N] [--seconds S] [--fast-triangles] [--high] SCENE.ply...
+ *     bench_trace [--size N] [--seconds S] [--kinds K,...] [--fast-triangles] [--high] SCENE.ply...
  *
  * Times are processor time of one thread. The rays are the primary rays of an N x N picture (in tiles), from their hits
  * (in the same order) diffuse rays and shadow rays to a light above, and random rays through the box. Shadow rays end
- * at any hit. Rates are those of the fastest of several alternating repetitions. In the end it prints the geometric
- * mean of the ratios, and the worst.
- *
- * The same rays go through libbvhd.so by bvhd_cpu.h as well, all in one call and one in each call. What that costs is
- * given as the median, over the repetitions, of its time divided by that of the internal function called directly.
+ * at any hit. They are traced in turns by Embree, one and eight in a call; by bvhd_cpu.h of libbvhd.so, all in one call
+ * and one in each call; and by the internal function over the bytes of the structure. Each turn begins with another
+ * way. It prints the rates of the fastest turn, the medians of the rates relative to rtcIntersect1's of the same turn,
+ * and in the end their geometric means over the scenes, and the worst.
  */
 #include <float.h>
 #include <math.h>
@@ -39,11 +38,20 @@ struct settings {
     double seconds;
     uint32_t layout_flags;
     enum build_quality quality;
+    unsigned kinds; /* bit k: rays of kind k are measured */
 };
 
+/*
+ * How rays are traced: by Embree, one or eight a call; by bvhd_cpu.h, all in one call or one a call; by the internal
+ * function over the bytes of the structure. The first is what the others are compared with.
+ */
+enum way { EMBREE_1, EMBREE_8, MANY, ONE, DIRECT, WAYS };
+
+static const char *const way_names[WAYS] = {"rtcIntersect1", "rtcIntersect8", "N rays a call", "one ray a call",
+                                            "internal, from the bytes"};
+
 struct totals {
-    double log_ratio[KINDS], worst[KINDS];
-    double log_many[KINDS], log_one[KINDS], worst_many[KINDS], worst_one[KINDS]; /* time by the library / directly */
+    double log_ratio[KINDS][WAYS], worst[KINDS][WAYS];
     int scenes;
 };
 
@@ -214,12 +222,18 @@ typedef struct RTCOccludedArguments occluded_arguments;
 #define init_occluded rtcInitOccludedArguments
 #define intersect(scene, arguments, hit) rtcIntersect1(scene, hit, arguments)
 #define occluded(scene, arguments, ray) rtcOccluded1(scene, ray, arguments)
+#define intersect_8(valid, scene, arguments, hit) rtcIntersect8(valid, scene, hit, arguments)
+#define occluded_8(valid, scene, arguments, ray) rtcOccluded8(valid, scene, ray, (occluded_arguments *)(arguments))
+#define coherent_flag RTC_RAY_QUERY_FLAG_COHERENT
 #else
 typedef struct RTCIntersectContext intersect_arguments, occluded_arguments;
 #define init_intersect rtcInitIntersectContext
 #define init_occluded rtcInitIntersectContext
 #define intersect rtcIntersect1
 #define occluded rtcOccluded1
+#define intersect_8 rtcIntersect8
+#define occluded_8 rtcOccluded8
+#define coherent_flag RTC_INTERSECT_CONTEXT_FLAG_COHERENT
 #endif
 
 static uint32_t run_intersect(RTCScene scene, const struct ray *rays, uint32_t count)
@@ -245,15 +259,6 @@ static uint32_t run_occluded(RTCScene scene, const struct ray *rays, uint32_t co
         occluded(scene, &arguments, &ray);
         hits += ray.tfar < 0;
     }
-    return hits;
-}
-
-static uint32_t run_portable(const struct scene *scene, const struct ray *rays, uint32_t count)
-{
-    uint32_t hits = 0;
-    struct ray_hit hit;
-    for (uint32_t i = 0; i < count; i++)
-        hits += traverse(scene, &rays[i], NULL, &hit, NULL);
     return hits;
 }
 
@@ -343,72 +348,114 @@ static int compare_doubles(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* Compares what the library costs with the internal function, in turns, each of which begins with another of them. */
-static void measure_library(const struct subject *subject, const struct settings *settings, enum kind kind,
-                            const struct ray *rays, uint32_t count, struct totals *totals)
+/* One kind of rays in the forms in which the ways take them. */
+struct ray_set {
+    const struct ray *rays;
+    uint32_t count;
+    struct library_rays given;
+    struct RTCRayHit8 *packets; /* the last one is filled up with rays that hit nothing */
+};
+
+static struct RTCRayHit8 *make_packets(const struct ray *rays, uint32_t count)
 {
-    enum { DIRECT, MANY, ONE, WAYS };
-    static double many[REPEATS_MAX], one[REPEATS_MAX];
-    struct library_rays given = make_library_rays(rays, count);
+    struct RTCRayHit8 *packets = aligned_alloc(64, (count + 8) / 8 * sizeof *packets);
+    if (!packets)
+        exit(1);
+    for (uint32_t i = 0; i < (count + 7) / 8 * 8; i++) {
+        struct RTCRayHit8 *packet = &packets[i / 8];
+        struct RTCRay ray = embree_ray(&rays[i < count ? i : 0]);
+        uint32_t k = i % 8;
+        packet->ray.org_x[k] = ray.org_x;
+        packet->ray.org_y[k] = ray.org_y;
+        packet->ray.org_z[k] = ray.org_z;
+        packet->ray.dir_x[k] = ray.dir_x;
+        packet->ray.dir_y[k] = ray.dir_y;
+        packet->ray.dir_z[k] = ray.dir_z;
+        packet->ray.tnear[k] = ray.tnear;
+        packet->ray.tfar[k] = i < count ? ray.tfar : -1;
+        packet->ray.mask[k] = ray.mask;
+        packet->ray.time[k] = 0;
+        packet->ray.flags[k] = 0;
+        packet->hit.geomID[k] = RTC_INVALID_GEOMETRY_ID;
+        packet->hit.instID[0][k] = RTC_INVALID_GEOMETRY_ID;
+    }
+    return packets;
+}
+
+/* Eight rays a call. Primary and shadow rays are said to be coherent. */
+static uint32_t run_packets(RTCScene scene, enum kind kind, const struct ray_set *set)
+{
+    static const int valid[8] __attribute__((aligned(32))) = {-1, -1, -1, -1, -1, -1, -1, -1};
+    uint32_t hits = 0;
+    intersect_arguments arguments;
+    init_intersect(&arguments);
+    if (kind == PRIMARY || kind == SHADOW)
+        arguments.flags = coherent_flag;
+    for (uint32_t i = 0; i < (set->count + 7) / 8; i++) {
+        struct RTCRayHit8 packet = set->packets[i];
+        if (kind == SHADOW)
+            occluded_8(valid, scene, &arguments, &packet.ray);
+        else
+            intersect_8(valid, scene, &arguments, &packet);
+        for (int k = 0; k < 8; k++)
+            hits += kind == SHADOW ? packet.ray.tfar[k] < 0 && 8 * i + (uint32_t)k < set->count
+                                   : packet.hit.geomID[k] != RTC_INVALID_GEOMETRY_ID;
+    }
+    return hits;
+}
+
+static uint32_t run(const struct subject *subject, enum way way, enum kind kind, const struct ray_set *set)
+{
+    switch (way) {
+    case EMBREE_1:
+        return (kind == SHADOW ? run_occluded : run_intersect)(subject->embree, set->rays, set->count);
+    case EMBREE_8:
+        return run_packets(subject->embree, kind, set);
+    case MANY:
+        return run_library(subject->opened, &set->given);
+    case ONE:
+        return run_library_singly(subject->opened, &set->given);
+    default:
+        return run_direct(&subject->scene, set->rays, &set->given);
+    }
+}
+
+/* Traces in all ways, in turns, each of which begins with another of them. */
+static void measure(const struct subject *subject, const struct settings *settings, enum kind kind,
+                    const struct ray *rays, uint32_t count, struct totals *totals)
+{
+    static double ratios[WAYS][REPEATS_MAX];
+    double best[WAYS], start = now();
+    struct ray_set set = {rays, count, make_library_rays(rays, count), make_packets(rays, count)};
     uint32_t hits[WAYS];
     int repeats = 0;
-    for (double start = now(); repeats < REPEATS_MIN || (repeats < REPEATS_MAX && now() - start < settings->seconds);
-         repeats++) {
+    for (int way = 0; way < WAYS; way++)
+        best[way] = DBL_MAX;
+    for (; repeats < REPEATS_MIN || (repeats < REPEATS_MAX && now() - start < settings->seconds); repeats++) {
         double times[WAYS];
         for (int turn = 0; turn < WAYS; turn++) {
             int way = (turn + repeats) % WAYS;
             double from = now();
-            hits[way] = way == DIRECT ? run_direct(&subject->scene, rays, &given)
-                        : way == MANY ? run_library(subject->opened, &given)
-                                      : run_library_singly(subject->opened, &given);
+            hits[way] = run(subject, (enum way)way, kind, &set);
             times[way] = now() - from;
+            best[way] = fmin(best[way], times[way]);
         }
-        many[repeats] = times[MANY] / times[DIRECT];
-        one[repeats] = times[ONE] / times[DIRECT];
+        for (int way = 0; way < WAYS; way++)
+            ratios[way][repeats] = times[EMBREE_1] / times[way];
     }
-    qsort(many, (size_t)repeats, sizeof *many, compare_doubles);
-    qsort(one, (size_t)repeats, sizeof *one, compare_doubles);
-    double of_many = many[repeats / 2], of_one = one[repeats / 2];
-    printf(
-        "           bvhd_cpu.h / the internal function: time %.3f all in one call, %.3f one a call (medians of %d)%s\n",
-        of_many, of_one, repeats, hits[MANY] == hits[DIRECT] && hits[ONE] == hits[DIRECT] ? "" : "; HITS DIFFER");
-    totals->log_many[kind] += log(of_many);
-    totals->log_one[kind] += log(of_one);
-    totals->worst_many[kind] = fmax(totals->worst_many[kind], of_many);
-    totals->worst_one[kind] = fmax(totals->worst_one[kind], of_one);
-    free(given.rays);
-    free(given.hits);
-}
-
-static void measure(const struct subject *subject, const struct settings *settings, enum kind kind,
-                    const struct ray *rays, uint32_t count, struct totals *totals)
-{
-    double best[2] = {DBL_MAX, DBL_MAX}, start = now();
-    uint32_t hits[2] = {0, 0};
-    int repeats = 0;
-    struct traverse_counters counters = {0};
-    struct ray_hit hit;
-    if (count == 0)
-        return;
-    while (repeats < 3 || now() - start < settings->seconds) {
-        double from = now();
-        hits[0] = (kind == SHADOW ? run_occluded : run_intersect)(subject->embree, rays, count);
-        double middle = now();
-        hits[1] = run_portable(&subject->scene, rays, count);
-        best[0] = fmin(best[0], middle - from);
-        best[1] = fmin(best[1], now() - middle);
-        repeats++;
+    printf("  %-8s %7u rays, hits %6.2f %% (embree %+d); Mray/s, and medians of rates over rtcIntersect1's:\n ",
+           kind_names[kind], count, 100.0 * hits[DIRECT] / count, (int)hits[EMBREE_1] - (int)hits[DIRECT]);
+    for (int way = 0; way < WAYS; way++) {
+        qsort(ratios[way], (size_t)repeats, sizeof **ratios, compare_doubles);
+        double ratio = ratios[way][repeats / 2];
+        printf("  %s %.2f (%.3f)", way_names[way], 1e-6 * count / best[way], ratio);
+        totals->log_ratio[kind][way] += log(ratio);
+        totals->worst[kind][way] = fmin(totals->worst[kind][way], ratio);
     }
-    for (uint32_t i = 0; i < count; i++)
-        traverse(&subject->scene, &rays[i], NULL, &hit, &counters);
-    double embree = 1e-6 * count / best[0], portable = 1e-6 * count / best[1], ratio = portable / embree;
-    printf("  %-8s %7u rays, hits %6.2f %% (embree %+d): embree %6.2f, portable %6.2f Mray/s, ratio %5.3f; a ray: "
-           "%5.1f nodes, %5.1f triangles\n",
-           kind_names[kind], count, 100.0 * hits[1] / count, (int)hits[0] - (int)hits[1], embree, portable, ratio,
-           (double)counters.nodes / count, (double)counters.triangles / count);
-    totals->log_ratio[kind] += log(ratio);
-    totals->worst[kind] = fmin(totals->worst[kind], ratio);
-    measure_library(subject, settings, kind, rays, count, totals);
+    printf("%s\n", hits[MANY] == hits[DIRECT] && hits[ONE] == hits[DIRECT] ? "" : "; HITS DIFFER");
+    free(set.given.rays);
+    free(set.given.hits);
+    free(set.packets);
 }
 
 static void measure_all(struct subject *subject, const struct settings *settings, struct totals *totals)
@@ -422,7 +469,8 @@ static void measure_all(struct subject *subject, const struct settings *settings
         make_secondary(subject, rays[PRIMARY], counts[PRIMARY], rays[DIFFUSE], rays[SHADOW]);
     counts[RANDOM] = make_random(subject, pixels, rays[RANDOM]);
     for (int kind = 0; kind < KINDS; kind++) {
-        measure(subject, settings, (enum kind)kind, rays[kind], counts[kind], totals);
+        if (counts[kind] > 0 && (settings->kinds >> kind & 1))
+            measure(subject, settings, (enum kind)kind, rays[kind], counts[kind], totals);
         free(rays[kind]);
     }
     totals->scenes++;
@@ -480,10 +528,21 @@ static void run_scene(const char *path, const struct settings *settings, RTCDevi
     ply_free(ply);
 }
 
+/* Reads names of kinds, separated by commas. */
+static unsigned read_kinds(const char *names)
+{
+    unsigned kinds = 0;
+    for (int kind = 0; kind < KINDS; kind++)
+        kinds |= (unsigned)(strstr(names, kind_names[kind]) != NULL) << kind;
+    return kinds;
+}
+
 int main(int argc, char **argv)
 {
-    struct settings settings = {.size = 512, .seconds = 1, .quality = QUALITY_BALANCED};
-    struct totals totals = {.worst = {DBL_MAX, DBL_MAX, DBL_MAX, DBL_MAX}};
+    struct settings settings = {.size = 512, .seconds = 1, .quality = QUALITY_BALANCED, .kinds = (1u << KINDS) - 1};
+    struct totals totals = {.scenes = 0};
+    for (int i = 0; i < KINDS * WAYS; i++)
+        totals.worst[i / WAYS][i % WAYS] = DBL_MAX;
     RTCDevice device = rtcNewDevice("threads=1");
     if (!device) {
         fprintf(stderr, "bench_trace: no Embree device\n");
@@ -494,6 +553,8 @@ int main(int argc, char **argv)
             settings.size = atoi(argv[++i]) / TILE * TILE;
         else if (strcmp(argv[i], "--seconds") == 0 && i + 1 < argc)
             settings.seconds = atof(argv[++i]);
+        else if (strcmp(argv[i], "--kinds") == 0 && i + 1 < argc)
+            settings.kinds = read_kinds(argv[++i]);
         else if (strcmp(argv[i], "--fast-triangles") == 0)
             settings.layout_flags = PORTABLE_FAST_TRIANGLES;
         else if (strcmp(argv[i], "--high") == 0)
@@ -502,14 +563,14 @@ int main(int argc, char **argv)
             run_scene(argv[i], &settings, device, &totals);
         fflush(stdout);
     }
-    for (int kind = 0; kind < KINDS && totals.scenes > 0; kind++)
-        printf("%-8s: geometric mean of portable / embree %.3f, worst %.3f\n", kind_names[kind],
-               exp(totals.log_ratio[kind] / totals.scenes), totals.worst[kind]);
-    for (int kind = 0; kind < KINDS && totals.scenes > 0; kind++)
-        printf(
-            "%-8s: time by bvhd_cpu.h / directly: geometric mean %.3f, worst %.3f; one ray a call %.3f, worst %.3f\n",
-            kind_names[kind], exp(totals.log_many[kind] / totals.scenes), totals.worst_many[kind],
-            exp(totals.log_one[kind] / totals.scenes), totals.worst_one[kind]);
+    for (int kind = 0; kind < KINDS && totals.scenes > 0; kind++) {
+        if (!(settings.kinds >> kind & 1))
+            continue;
+        printf("%-8s: rates over rtcIntersect1's, geometric mean and worst:", kind_names[kind]);
+        for (int way = 1; way < WAYS; way++)
+            printf(" %s %.3f %.3f%s", way_names[way], exp(totals.log_ratio[kind][way] / totals.scenes),
+                   totals.worst[kind][way], way < WAYS - 1 ? "," : "\n");
+    }
     rtcReleaseDevice(device);
     return 0;
 }

@@ -72,7 +72,7 @@ static void trace(const struct portable_view *view, struct random *random, doubl
             return;
         for (uint64_t i = 0; i < view->handle_count; i++)
             bottoms[i] = i == 1 ? NULL : &bottom;
-        scene = (struct scene){view, bottoms, (uint32_t)view->handle_count, NULL};
+        scene = (struct scene){.top = view, .bottoms = bottoms, .bottom_count = (uint32_t)view->handle_count};
     }
     for (int i = 0; i < RAYS; i++) {
         struct ray ray = random_ray(random, size);

@@ -427,7 +427,9 @@ static void run_top(struct run *run, struct random *random)
     if (build_bottoms(run, &top, items, views) && build_one(run, &top.input, &items[top.bottom_count])) {
         top.built++;
         if (open_one(run, &items[top.bottom_count], &views[top.bottom_count])) {
-            struct scene scene = {&views[top.bottom_count], bottoms, random_top_rows(&top, views, bottoms), NULL};
+            struct scene scene = {.top = &views[top.bottom_count],
+                                  .bottoms = bottoms,
+                                  .bottom_count = random_top_rows(&top, views, bottoms)};
             if (scene.bottom_count != views[top.bottom_count].handle_count)
                 fail(run, "%llu handles for %u structures", (unsigned long long)views[top.bottom_count].handle_count,
                      scene.bottom_count);

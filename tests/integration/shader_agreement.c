@@ -201,7 +201,8 @@ static void run_top(struct run *run, struct random *random)
         top.references[i].slabs = items[i].stats.slabs;
     }
     build_one(run, &top.input, &items[top.bottom_count], &views[top.bottom_count]);
-    struct scene scene = {&views[top.bottom_count], bottoms, random_top_rows(&top, views, bottoms), NULL};
+    struct scene scene = {
+        .top = &views[top.bottom_count], .bottoms = bottoms, .bottom_count = random_top_rows(&top, views, bottoms)};
     trace_scene(run, &scene, random);
     batch_finish(items, top.bottom_count + 1, &run->memory);
     random_top_finish(&top);

@@ -4,7 +4,7 @@
 #include "proto/base/clock.h"
 #include "client/bvhctl/trace/tracer.h"
 
-enum { CHUNK = 256 };
+enum { CHUNK = 1024 };
 
 struct tracer_cpu {
     struct tracer tracer;

@@ -7,6 +7,8 @@
 
 #include <pthread.h>
 
+#include "client/cpu/cpu_scene.h"
+
 enum { RAYS = 1500 };
 
 static struct cpu_bed beds[2]; /* portable, native */
@@ -497,7 +499,7 @@ static void work_is_counted(void **state)
     for (int i = 0; i < RAYS; i++) {
         const struct ray inner = cpu_bed_inner(&rays[i]);
         struct ray_hit hit;
-        traverse(&beds[0].scene.scene, &inner, NULL, &hit, &expected);
+        traverse(&scenes[0]->walk.portable, &inner, NULL, &hit, &expected);
     }
     assert_true(counters.nodes == expected.nodes && counters.nodes > RAYS);
     assert_true(counters.triangles == expected.triangles && counters.instances == expected.instances);

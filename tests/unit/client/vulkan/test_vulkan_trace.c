@@ -372,7 +372,7 @@ static void try_blobs(const struct bytes *blobs, uint32_t count, enum device_kin
     const struct gpu_properties *properties = &gpu->properties;
     assert_int_equal(portable_open(blobs[0], &memory, &view, NULL), BVHD_OK);
     const struct portable_view *const bottoms[] = {&view};
-    const struct scene scene = {NULL, bottoms, 1, NULL};
+    const struct scene scene = {.bottoms = bottoms, .bottom_count = 1};
     open_bed(&bed, blobs, count, kind);
     try_bed(&bed, &scene,
             properties->has_doubles && properties->has_buffer_address && kind != WITHOUT_DOUBLES &&
@@ -443,7 +443,7 @@ static void test_large_steps(void **state)
     }
     open_bed(&bed, &blob, 1, WITH_SMALL_HALVES);
     const struct portable_view *const bottoms[] = {&view};
-    const struct scene scene = {NULL, bottoms, 1, NULL};
+    const struct scene scene = {.bottoms = bottoms, .bottom_count = 1};
     for (int way = COHERENT; way <= INCOHERENT; way++) {
         unsigned hit = 0, differing = 0;
         struct vulkan_trace_counters counters;
@@ -481,7 +481,7 @@ static void test_own_buffer(void **state)
     build_blob(0, &blob);
     assert_int_equal(portable_open(blob, &memory, &view, NULL), BVHD_OK);
     const struct portable_view *const bottoms[] = {&view};
-    const struct scene scene = {NULL, bottoms, 1, NULL};
+    const struct scene scene = {.bottoms = bottoms, .bottom_count = 1};
     for (int kind = WITHOUT_DOUBLES; kind <= WITHOUT_ADDRESSES; kind++) {
         open_bed(&bed, &blob, 1, (enum device_kind)kind);
         assert_int_equal(bvhd_vulkan_scene_storage(bed.scene, 0, &span, &size), BVHD_OK);

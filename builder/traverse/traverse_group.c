@@ -1,0 +1,115 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "builder/traverse/traverse_group.h"
+
+/* Rays are of one kind if they have one octant, and all search any hit or all the closest. */
+enum { LANES = 8, KINDS = 16, PACKET_MIN = 3 };
+
+enum { GROUPS_TO_DECIDE = 4, ALONE_RAYS = 2048 };
+
+/* The rays of a call. */
+struct group {
+    struct traverse_stream *stream;
+    const struct ray *rays;
+    struct ray_hit *hits;
+    uint64_t is_hit;
+};
+
+static void trace_alone(struct group *group, unsigned index)
+{
+    const struct traverse_stream *stream = group->stream;
+    bool is_hit = traverse(stream->scene, &group->rays[index], stream->options, &group->hits[index], stream->counters);
+    group->is_hit |= (uint64_t)is_hit << index;
+}
+
+static void trace_packet(struct group *group, const uint8_t *indices, unsigned count)
+{
+    struct traverse_stream *stream = group->stream;
+    const struct scene *scene = stream->scene;
+    struct traverse_walk states[LANES];
+    const struct ray *rays[LANES];
+    uint64_t visited = 0;
+    for (unsigned lane = 0; lane < LANES; lane++) {
+        rays[lane] = &group->rays[indices[lane < count ? lane : 0]];
+        if (lane >= count)
+            continue;
+        struct traverse_walk *walk = &states[lane];
+        traverse_state_begin(&walk->state, rays[lane], stream->options);
+        traverse_walk_begin(walk, scene);
+        traverse_state_settle(&walk->state, NULL, false);
+    }
+    uint32_t done = packet_avx2_trace(states, rays, (1u << count) - 1, scene->bottoms[0], scene->unpacked[0], &visited);
+    stream->visits_together += visited;
+    if (stream->counters)
+        stream->counters->nodes += visited;
+    for (unsigned lane = 0; lane < count; lane++) {
+        unsigned index = indices[lane];
+        if (!(done >> lane & 1)) {
+            trace_alone(group, index);
+            continue;
+        }
+        stream->visits_alone += states[lane].state.counters.nodes;
+        group->is_hit |= (uint64_t)traverse_state_finish(&states[lane].state, &group->hits[index], stream->counters)
+                         << index;
+    }
+}
+
+static bool is_plain(const struct ray *ray)
+{
+    return !(ray->flags & ~(uint32_t)RAY_TERMINATE_ON_FIRST_HIT) && ray->tmin >= 0 && ray->tmin <= ray->tmax;
+}
+
+static unsigned kind_of(const struct ray *ray)
+{
+    unsigned kind = ray->flags & RAY_TERMINATE_ON_FIRST_HIT ? 8 : 0;
+    for (int axis = 0; axis < 3; axis++)
+        kind |= (unsigned)(ray->direction[axis] < 0) << axis;
+    return kind;
+}
+
+bool traverse_groups_pay(const struct traverse_stream *stream)
+{
+    const struct scene *scene = stream->scene;
+    const struct traverse_options *options = stream->options;
+    return !scene->top && scene->unpacked && scene->bottom_count > 0 && scene->unpacked[0] &&
+           (!options ||
+            (!options->candidate && !options->flip_order && !options->baseline_only && !options->exact_only)) &&
+           boxtest_has_avx2();
+}
+
+/*
+ * After some groups, decides whether the next rays go alone. Packets pay if rays visit nearly all of their nodes in
+ * them: a visit costs half as much there, but a ray that goes on alone pays for both preparations.
+ */
+static void decide(struct traverse_stream *stream)
+{
+    if (++stream->groups < GROUPS_TO_DECIDE)
+        return;
+    stream->alone = 2 * stream->visits_together < 7 * stream->visits_alone ? ALONE_RAYS : 0;
+    stream->groups = 0;
+    stream->visits_together = stream->visits_alone = 0;
+}
+
+uint64_t traverse_group(struct traverse_stream *stream, const struct ray *rays, uint32_t count,
+                        struct ray_hit *ret_hits)
+{
+    struct group group = {stream, rays, ret_hits, 0};
+    uint8_t members[KINDS][TRAVERSE_GROUP], counts[KINDS] = {0};
+    const bool is_possible = count >= PACKET_MIN && traverse_groups_pay(stream);
+    for (uint32_t i = 0; i < count; i++) {
+        if (!is_possible || !is_plain(&rays[i])) {
+            trace_alone(&group, i);
+            continue;
+        }
+        unsigned kind = kind_of(&rays[i]);
+        members[kind][counts[kind]++] = (uint8_t)i;
+    }
+    for (unsigned kind = 0; is_possible && kind < KINDS; kind++) {
+        unsigned at = 0;
+        for (; at + PACKET_MIN <= counts[kind]; at += LANES)
+            trace_packet(&group, &members[kind][at], counts[kind] - at < LANES ? counts[kind] - at : LANES);
+        for (; at < counts[kind]; at++)
+            trace_alone(&group, members[kind][at]);
+    }
+    decide(stream);
+    return group.is_hit;
+}

@@ -1,0 +1,38 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * traverse_group.h - traces some rays in one call, which takes less time than one by one. Rays that begin near each
+ * other are best given together.
+ */
+#ifndef BVHD_TRAVERSE_GROUP_H
+#define BVHD_TRAVERSE_GROUP_H
+
+#include "builder/traverse/traverse_walk.h"
+
+enum { TRAVERSE_GROUP = 64 }; /* rays: a tile of 8 x 8 pixels */
+
+/* Rays that are traced group by group. */
+struct traverse_stream {
+    const struct scene *scene;
+    const struct traverse_options *options; /* may be NULL */
+    struct traverse_counters *counters; /* may be NULL */
+    /* These are all 0 at first. */
+    uint32_t alone; /* the number of next rays that are best traced one by one, because packets did not pay */
+    uint32_t groups; /* since the last decision; then the nodes that their rays visited in packets, and after these */
+    uint64_t visits_together, visits_alone;
+};
+
+/* Returns whether groups can take less time than single rays. */
+bool traverse_groups_pay(const struct traverse_stream *stream);
+
+/*
+ * Traces up to TRAVERSE_GROUP rays as traverse() does each of them. Returns bit i if ray i hits; then ret_hits[i] is
+ * filled, else it is left as it was.
+ */
+uint64_t traverse_group(struct traverse_stream *stream, const struct ray *rays, uint32_t count,
+                        struct ray_hit *ret_hits);
+
+/* Traces a packet (packet_avx2.c): the lanes' rays, all plain, of one octant and one kind. Returns the lanes done. */
+uint32_t packet_avx2_trace(struct traverse_walk *states, const struct ray *const rays[8], uint32_t lanes,
+                           const struct portable_view *view, const struct unpacked_node *nodes, uint64_t *ret_visited);
+
+#endif

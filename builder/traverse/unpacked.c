@@ -1,0 +1,105 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "builder/traverse/unpacked.h"
+
+#include <math.h>
+
+#include "builder/traverse/traverse_walk.h"
+
+static float lesser(float a, float b)
+{
+    return a < b ? a : b;
+}
+
+static float greater(float a, float b)
+{
+    return a > b ? a : b;
+}
+
+static void box_clear(float box[6])
+{
+    for (int axis = 0; axis < 3; axis++) {
+        box[axis] = unpacked_nowhere;
+        box[3 + axis] = -unpacked_nowhere;
+    }
+}
+
+/* Extends a box by the box around a point, or around another box. */
+static void box_add(float box[6], const float min[3], const float max[3])
+{
+    for (int axis = 0; axis < 3; axis++) {
+        box[axis] = lesser(min[axis], box[axis]);
+        box[3 + axis] = greater(max[axis], box[3 + axis]);
+    }
+}
+
+/* Finds the box around the boxes of all children of a node. */
+static void box_of_node(const struct unpacked_node *node, float ret_box[6])
+{
+    box_clear(ret_box);
+    for (int axis = 0; axis < 3; axis++)
+        for (int slot = 0; slot < 8; slot++) {
+            ret_box[axis] = lesser(node->planes[axis][slot], ret_box[axis]);
+            ret_box[3 + axis] = greater(node->planes[3 + axis][slot], ret_box[3 + axis]);
+        }
+}
+
+static void box_of_records(const struct portable_view *view, uint32_t first, uint32_t count, float ret_box[6])
+{
+    box_clear(ret_box);
+    for (uint32_t record = first; record < first + count; record++) {
+        const float *corners[3];
+        traverse_corners(view, record, corners);
+        for (int k = 0; k < 3; k++)
+            box_add(ret_box, corners[k], corners[k]);
+    }
+}
+
+/*
+ * Returns a plane of a portable node's grid as a float, moved outward by at most two steps of float. In double its
+ * rounding error is less than half a step of float.
+ */
+static float plane(float origin, uint8_t steps, float scale, float outward)
+{
+    return nextafterf((float)(origin + (double)steps * scale), outward);
+}
+
+static float scale_of(uint8_t exponent)
+{
+    return exponent == 0 ? 0 : ldexpf(1, exponent - 127);
+}
+
+static void fill_child(const struct portable_view *view, const struct portable_node *from, unsigned slot,
+                       uint32_t inner, const struct unpacked_node *nodes, struct unpacked_node *to)
+{
+    float box[6];
+    if (from->meta[slot] == 0) {
+        to->children[slot] = 0;
+        box_clear(box);
+    } else if (from->inner_mask >> slot & 1) {
+        to->children[slot] = inner | (uint32_t)CHILD_NODE << CHILD_KIND_SHIFT;
+        box_of_node(&nodes[inner], box);
+    } else {
+        const uint32_t count = (uint32_t)__builtin_popcount(from->meta[slot] >> 5),
+                       first = from->first_record + (from->meta[slot] & 31);
+        to->children[slot] = (count - 1) << CHILD_KIND_SHIFT | first;
+        box_of_records(view, first, count, box);
+    }
+    for (int axis = 0; axis < 3; axis++) {
+        float scale = scale_of(from->exponent[axis]), origin = from->origin[axis];
+        to->planes[axis][slot] = greater(box[axis], plane(origin, from->lo[axis][slot], scale, -INFINITY));
+        to->planes[3 + axis][slot] = lesser(box[3 + axis], plane(origin, from->hi[axis][slot], scale, INFINITY));
+    }
+}
+
+void unpacked_fill(const struct portable_view *view, struct unpacked_node *ret_nodes)
+{
+    /* Children follow their parents, so that their boxes are known. */
+    for (uint32_t index = view->header->node_count; index-- > 0;) {
+        const struct portable_node *from = &view->nodes[index];
+        uint32_t inner = from->first_child;
+        for (unsigned slot = 0; slot < 8; slot++) {
+            fill_child(view, from, slot, inner, ret_nodes, &ret_nodes[index]);
+            inner += from->inner_mask >> slot & 1;
+        }
+    }
+}

@@ -1,0 +1,300 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * test_traverse_group.c - tests that rays through unpacked nodes, in groups and one by one, have the answers of single
+ * rays through the portable nodes, to the last bit; and that unpacked boxes hold their triangles.
+ */
+#include "tests/support/unit.h"
+
+#include <float.h>
+#include <math.h>
+
+#include "builder/traverse/traverse_group.h"
+#include "tests/support/builder/test_scene.h"
+#include "tests/support/random.h"
+
+enum { TRIANGLES = 500, RAYS = TRAVERSE_GROUP * 24, KINDS_OF_RAYS = 6 };
+
+/* A scene with the unpacked nodes of its bottom levels. */
+struct bed {
+    struct test_scene scene;
+    float (*corners)[3][3];
+    struct unpacked_node *nodes[TEST_SCENE_BOTTOMS];
+    struct scene unpacked;
+};
+
+typedef void (*shape_function)(struct random *random, uint32_t index, float ret_corners[3][3]);
+
+static void soup(struct random *random, uint32_t index, float ret_corners[3][3])
+{
+    double centre[3], offset[3];
+    random_point(random, centre);
+    for (int k = 0; k < 3; k++) {
+        random_point(random, offset);
+        for (int axis = 0; axis < 3; axis++)
+            ret_corners[k][axis] =
+                (float)(10 * (centre[axis] + 0.2 * (index % 7 == 0 && axis == 0 ? 1e-4 : 1) * offset[axis]));
+    }
+}
+
+/* A flat grid of squares, two triangles each, whose edges and corners rays meet exactly. */
+static void grid(struct random *random, uint32_t index, float ret_corners[3][3])
+{
+    static const int corner[2][3][2] = {{{0, 0}, {1, 0}, {1, 1}}, {{0, 0}, {1, 1}, {0, 1}}};
+    (void)random;
+    for (int k = 0; k < 3; k++) {
+        ret_corners[k][0] = (float)((int)(index / 2 % 16) - 8 + corner[index % 2][k][0]);
+        ret_corners[k][1] = (float)((int)(index / 32) - 8 + corner[index % 2][k][1]);
+        ret_corners[k][2] = 1;
+    }
+}
+
+/* Many triangles in one place, some of them equal: ties, which the lowest number wins. */
+static void pile(struct random *random, uint32_t index, float ret_corners[3][3])
+{
+    (void)random;
+    for (int k = 0; k < 3; k++) {
+        ret_corners[k][0] = (float)(k == 1 ? 9 : -9);
+        ret_corners[k][1] = (float)(k == 2 ? 9 : -9);
+        ret_corners[k][2] = (float)(index % 5);
+    }
+}
+
+/* Far from the origin, where a float has few digits left. */
+static void far_away(struct random *random, uint32_t index, float ret_corners[3][3])
+{
+    soup(random, index, ret_corners);
+    for (int k = 0; k < 3; k++)
+        ret_corners[k][0] += 1e5f;
+}
+
+static void tiny(struct random *random, uint32_t index, float ret_corners[3][3])
+{
+    soup(random, index, ret_corners);
+    for (int k = 0; k < 9; k++)
+        ret_corners[k / 3][k % 3] *= 1e-20f;
+}
+
+static void huge(struct random *random, uint32_t index, float ret_corners[3][3])
+{
+    soup(random, index, ret_corners);
+    for (int k = 0; k < 9; k++)
+        ret_corners[k / 3][k % 3] *= 1e25f;
+}
+
+static void bed_unpack(struct bed *bed)
+{
+    for (uint32_t i = 0; i < bed->scene.scene.bottom_count; i++) {
+        const struct portable_view *view = bed->scene.bottoms[i];
+        bed->nodes[i] = calloc(view->header->node_count, sizeof *bed->nodes[i]);
+        assert_non_null(bed->nodes[i]);
+        unpacked_fill(view, bed->nodes[i]);
+    }
+    bed->unpacked = bed->scene.scene;
+    bed->unpacked.unpacked = (const struct unpacked_node *const *)bed->nodes;
+}
+
+static void bed_open(struct bed *bed, shape_function shape, uint32_t flags, enum build_quality quality)
+{
+    struct random random = {1};
+    *bed = (struct bed){.corners = calloc(TRIANGLES, sizeof *bed->corners)};
+    assert_non_null(bed->corners);
+    for (uint32_t i = 0; i < TRIANGLES; i++)
+        shape(&random, i, bed->corners[i]);
+    const float(*corners)[3][3] = (const float(*)[3][3])bed->corners;
+    const struct geometry geometries[2] = {
+        test_scene_triangles(corners, TRIANGLES / 3, 0),
+        test_scene_triangles(corners + TRIANGLES / 3, TRIANGLES - TRIANGLES / 3, GEOMETRY_OPAQUE)};
+    test_scene_init(&bed->scene);
+    bed->scene.quality = quality;
+    test_scene_add(&bed->scene, geometries, 2, flags);
+}
+
+static void bed_close(struct bed *bed)
+{
+    for (uint32_t i = 0; i < TEST_SCENE_BOTTOMS; i++)
+        free(bed->nodes[i]);
+    free(bed->corners);
+    test_scene_finish(&bed->scene);
+}
+
+/* Rays from one point to neighbouring points; from a point of the surface in all directions; along axes; at random. */
+static void aim(struct random *random, const struct bed *bed, uint32_t index, struct ray *ret_ray)
+{
+    const float(*corners)[3] = (const float(*)[3])bed->corners[index / 64 * 13 % TRIANGLES];
+    const uint32_t kind = index / TRAVERSE_GROUP % KINDS_OF_RAYS;
+    double size = fabs((double)corners[0][0] - corners[1][0]) + fabs((double)corners[0][1] - corners[1][1]), point[3];
+    for (int axis = 0; axis < 3; axis++) {
+        double centre = corners[0][axis], away = random_between(random, -1, 1);
+        point[axis] = centre + (kind == 0 || kind == 4 ? 30 * size * (axis == 2 ? 1 : 0.2) : 0);
+        if (kind == 3)
+            point[axis] = centre + 5 * size * random_between(random, -1, 1);
+        ret_ray->origin[axis] = (float)point[axis];
+        ret_ray->direction[axis] = (float)away;
+        if (kind == 0 || kind == 4)
+            ret_ray->direction[axis] = (float)(centre - ret_ray->origin[axis] + size * away);
+        if (kind == 2)
+            ret_ray->direction[axis] = axis == (int)(index % 3) ? index % 2 ? 1 : -1 : index % 5 ? 0 : 1e-12f;
+    }
+    if (kind == 1)
+        ret_ray->tmin = (float)(1e-5 * size);
+    if (kind == 4)
+        ret_ray->tmax = (float)random_between(random, 0.5, 1.5);
+}
+
+/* Gives a ray something by which it differs from its neighbours. */
+static void distort(struct random *random, uint32_t index, struct ray *ray)
+{
+    static const uint32_t flags[] = {RAY_OPAQUE, RAY_CULL_BACK_FACING, RAY_CULL_FRONT_FACING, RAY_CULL_OPAQUE,
+                                     RAY_SKIP_TRIANGLES | RAY_TERMINATE_ON_FIRST_HIT};
+    static const float odd[] = {NAN, INFINITY, 0, -1, FLT_MAX, 1e-40f, -0.0f};
+    const float value = odd[random_next(random) % (sizeof odd / sizeof *odd)];
+    switch (index % 32) {
+    case 3:
+        ray->flags |= flags[random_next(random) % (sizeof flags / sizeof *flags)];
+        break;
+    case 7:
+        ray->origin[random_next(random) % 3] = value;
+        break;
+    case 11:
+        ray->direction[random_next(random) % 3] = value;
+        break;
+    case 13:
+        ray->tmin = value;
+        break;
+    case 17:
+        ray->tmax = value;
+        break;
+    case 19:
+        memset(ray->direction, 0, sizeof ray->direction);
+        break;
+    default:
+        break;
+    }
+}
+
+static void make_rays(const struct bed *bed, uint32_t flags, struct ray ret_rays[RAYS])
+{
+    struct random random = {5};
+    for (uint32_t i = 0; i < RAYS; i++) {
+        ret_rays[i] = (struct ray){.tmax = FLT_MAX, .cull_mask = 0xff, .flags = flags};
+        aim(&random, bed, i, &ret_rays[i]);
+        if (i / TRAVERSE_GROUP % 2)
+            distort(&random, i, &ret_rays[i]);
+    }
+}
+
+/* Compares the answers of groups of some size with those of single rays. Returns how many rays hit. */
+static int compare(const struct bed *bed, const struct ray rays[RAYS], uint32_t group_size)
+{
+    struct traverse_counters counters = {0, 0, 0};
+    struct traverse_stream stream = {.scene = &bed->unpacked, .counters = &counters};
+    int found = 0;
+    for (uint32_t begin = 0; begin < RAYS; begin += group_size) {
+        struct ray_hit hits[TRAVERSE_GROUP], expected, alone;
+        uint32_t count = RAYS - begin < group_size ? RAYS - begin : group_size;
+        uint64_t is_hit = traverse_group(&stream, rays + begin, count, hits);
+        for (uint32_t i = 0; i < count; i++) {
+            bool is_expected = traverse(&bed->scene.scene, &rays[begin + i], NULL, &expected, NULL);
+            assert_int_equal(is_hit >> i & 1, is_expected);
+            assert_int_equal(traverse(&bed->unpacked, &rays[begin + i], NULL, &alone, NULL), is_expected);
+            found += is_expected;
+            if (is_expected) {
+                assert_true(test_scene_same_hit(&hits[i], &expected));
+                assert_true(test_scene_same_hit(&alone, &expected));
+            }
+        }
+    }
+    assert_true(counters.nodes > 0 && counters.triangles > 0);
+    return found;
+}
+
+static void rays_have_the_answers_of_single_rays(void **state)
+{
+    static const shape_function shapes[] = {soup, grid, pile, far_away, tiny, huge};
+    static struct ray rays[RAYS];
+    (void)state;
+    for (size_t shape = 0; shape < sizeof shapes / sizeof *shapes; shape++)
+        for (uint32_t way = 0; way < 4; way++) {
+            struct bed bed;
+            bed_open(&bed, shapes[shape], way & 1 ? PORTABLE_FAST_TRIANGLES : 0,
+                     way & 1 ? QUALITY_HIGH : QUALITY_BALANCED);
+            bed_unpack(&bed);
+            make_rays(&bed, way & 2 ? RAY_TERMINATE_ON_FIRST_HIT : 0, rays);
+            int found = compare(&bed, rays, way == 3 ? 11 : TRAVERSE_GROUP);
+            assert_true(found > RAYS / 12 && found < RAYS);
+            bed_close(&bed);
+        }
+}
+
+static void instances_have_the_answers_of_portable_nodes(void **state)
+{
+    enum { INSTANCES = 12 };
+    static struct ray rays[RAYS];
+    struct test_instance instances[INSTANCES];
+    struct random random = {9};
+    struct bed bed;
+    (void)state;
+    bed_open(&bed, soup, 0, QUALITY_BALANCED);
+    for (uint32_t i = 0; i < INSTANCES; i++) {
+        instances[i] = (struct test_instance){.custom_index = i, .mask = 0xff, .flags = i % 4};
+        test_scene_transform(&random, 0.6, 8, instances[i].transform);
+    }
+    test_scene_add_top(&bed.scene, instances, INSTANCES);
+    bed_unpack(&bed);
+    make_rays(&bed, 0, rays);
+    assert_true(compare(&bed, rays, TRAVERSE_GROUP) > RAYS / 8);
+    bed_close(&bed);
+}
+
+/* Every corner of a leaf's triangles lies in the boxes above it, if nothing was split. */
+static void check_boxes(const struct bed *bed, uint32_t index, const float box[6], uint32_t *triangles)
+{
+    const struct unpacked_node *node = &bed->nodes[0][index];
+    for (int slot = 0; slot < 8; slot++) {
+        float inner[6];
+        for (int k = 0; k < 6; k++)
+            inner[k] = node->planes[k][slot];
+        if (bed->scene.bottoms[0]->nodes[index].meta[slot] == 0) {
+            assert_true(inner[0] > inner[3]);
+            continue;
+        }
+        for (int axis = 0; axis < 3; axis++)
+            assert_true(inner[axis] >= box[axis] && inner[3 + axis] <= box[3 + axis]);
+        const uint32_t child = node->children[slot];
+        if (child >= CHILD_ROOT) {
+            check_boxes(bed, child & CHILD_INDEX_MASK, inner, triangles);
+            continue;
+        }
+        for (uint32_t i = 0; i <= child >> CHILD_KIND_SHIFT; i++, ++*triangles) {
+            const float *corners[3];
+            traverse_corners(bed->scene.bottoms[0], (child & CHILD_INDEX_MASK) + i, corners);
+            for (int k = 0; k < 9; k++)
+                assert_true(corners[k / 3][k % 3] >= inner[k % 3] && corners[k / 3][k % 3] <= inner[3 + k % 3]);
+        }
+    }
+}
+
+static void boxes_hold_their_triangles(void **state)
+{
+    static const shape_function shapes[] = {soup, grid, far_away, huge};
+    (void)state;
+    for (size_t shape = 0; shape < sizeof shapes / sizeof *shapes; shape++) {
+        struct bed bed;
+        uint32_t triangles = 0;
+        bed_open(&bed, shapes[shape], 0, QUALITY_FAST);
+        bed_unpack(&bed);
+        check_boxes(&bed, 0, bed.scene.bottoms[0]->header->bounds, &triangles);
+        assert_int_equal(triangles, bed.scene.bottoms[0]->header->record_count);
+        bed_close(&bed);
+    }
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(rays_have_the_answers_of_single_rays),
+        cmocka_unit_test(instances_have_the_answers_of_portable_nodes),
+        cmocka_unit_test(boxes_hold_their_triangles),
+    };
+    return cmocka_run_group_tests_name("traverse_group", tests, NULL, NULL);
+}
