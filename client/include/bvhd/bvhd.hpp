@@ -386,6 +386,7 @@ struct BuildOptions {
     std::uint32_t layout_flags = 0;
     float rays_per_primitive = 0;
     std::uint32_t deadline_ms = 0;
+    bvhd_builder builder = BVHD_BUILDER_OWN;
     const bvhd_format *format = nullptr; /* native structures for this device; portable without it */
 };
 
@@ -488,6 +489,7 @@ class Client
         build.format = options.format;
         build.rays_per_primitive = options.rays_per_primitive;
         build.deadline_ms = options.deadline_ms;
+        build.builder = options.builder;
         return submit(build);
     }
     Expected<Batch> submit(const bvhd_build &build) const
