@@ -21,9 +21,9 @@
 
 /*
  * The most refs of a piece without splits, and with splits before it is split. Embree works in parallel from 3,072 refs
- * on; with splits it needs some 5 ms for 1,000.
+ * on; with splits it needs some 2 ms for 256.
  */
-enum { EMBREE_PIECE_MOST = 3071, EMBREE_SPLIT_PIECE_MOST = 1024 };
+enum { EMBREE_PIECE_MOST = 3071, EMBREE_SPLIT_PIECE_MOST = 256 };
 
 enum embree_quality { EMBREE_LOW, EMBREE_MEDIUM, EMBREE_HIGH };
 

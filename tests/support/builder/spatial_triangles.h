@@ -72,7 +72,7 @@ static inline void triangles_start(struct triangles *f, enum kind kind, uint32_t
     f->capacity = count + more;
     f->corners = calloc(count, sizeof *f->corners);
     f->refs = calloc(f->capacity, sizeof *f->refs);
-    f->scratch = calloc(f->capacity, sizeof *f->scratch);
+    f->scratch = aligned_alloc(64, (f->capacity * sizeof *f->scratch + 63) & ~(size_t)63);
     f->boxes = calloc(count, sizeof *f->boxes);
     assert_true(f->corners && f->refs && f->scratch && f->boxes);
     f->whole = box_empty();
