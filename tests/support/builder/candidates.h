@@ -82,13 +82,16 @@ static inline bool candidates_meet(const struct long_ray *ray, const float box[6
     return near <= far;
 }
 
-/* Returns whether the box is certainly met, despite rounding in extended precision or a `slack` as a share of t. */
+/*
+ * Returns whether the box is certainly met, despite rounding in extended precision or a `slack` as a share of t. A ray
+ * without a direction meets nothing (ray.h).
+ */
 static inline bool candidates_surely_meet(const struct long_ray *ray, const float box[6], long double slack)
 {
     long double near, far;
-    if (!candidates_meet(ray, box, 0, &near, &far))
-        return false;
     int moving = (ray->direction[0] != 0) + (ray->direction[1] != 0) + (ray->direction[2] != 0);
+    if (moving == 0 || !candidates_meet(ray, box, 0, &near, &far))
+        return false;
     return (moving == 1 && slack == 0) || near + (slack + 1e-16L) * (fabsl(near) + fabsl(far)) <= far;
 }
 
