@@ -63,7 +63,7 @@ static enum bvhd_status open_file(struct reading *reading, const struct key *key
 static enum bvhd_status read_piece(const struct reading *reading, uint64_t offset, uint64_t size, uint64_t *ret_size,
                                    struct bvhd_error *error)
 {
-    uint64_t done = 0;
+    uint64_t done = *ret_size = 0;
     while (done < size) {
         ssize_t count = pread(reading->file, reading->piece + done, size - done, (off_t)(offset + done));
         if (count == 0)
