@@ -16,6 +16,27 @@ static inline enum build_builder builders_last(void)
     return method_builders() & 1U << BUILDER_EMBREE ? BUILDER_EMBREE : BUILDER_OWN;
 }
 
+/*
+ * Returns whether Embree may be made to fail. AddressSanitizer ends a C program in which a C++ library that was loaded
+ * later throws, as Embree does when its memory is refused; what is thrown does not leave Embree.
+ */
+static inline bool builders_may_fail(enum build_builder builder)
+{
+#if defined(__SANITIZE_ADDRESS__)
+    return builder == BUILDER_OWN;
+#elif defined(__has_feature)
+#if __has_feature(address_sanitizer)
+    return builder == BUILDER_OWN;
+#else
+    (void)builder;
+    return true;
+#endif
+#else
+    (void)builder;
+    return true;
+#endif
+}
+
 /* Returns the builder that the environment names, or bvhd's own; and that also where there is no Embree. */
 static inline enum build_builder builders_asked(void)
 {
