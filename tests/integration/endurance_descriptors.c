@@ -200,16 +200,35 @@ static void break_off(uint32_t index)
     raw_close(&client);
 }
 
+/* Sends bytes that are no frame, for which the daemon ends the connection. */
+static void break_protocol(uint32_t index)
+{
+    struct raw_client client;
+    unsigned char bytes[FRAME_HEADER_SIZE] = {0};
+    (void)index;
+    requests++;
+    if (!raw_connect(&client, hostile.service.socket))
+        return;
+    if (raw_try_hello(&client)) {
+        raw_send(&client, bytes, sizeof bytes, NULL, 0);
+        hostile_expect(raw_await_close(&client, PATIENCE_MS, NULL), "bytes that are no frame are accepted");
+    }
+    raw_close(&client);
+}
+
+/* Makes requests: one of each kind first, so that none is missing, and then random ones. */
 static void run(uint64_t count)
 {
     static const struct {
         void (*run)(uint32_t index);
         uint32_t weight;
-    } kinds[] = {{build, 8},   {fetch, 4},    {cancel, 3},    {leave, 2},    {break_a_rule, 2},
-                 {be_late, 2}, {question, 1}, {be_wrong, 12}, {break_off, 2}};
+    } kinds[] = {{build, 8},   {fetch, 4},    {cancel, 3},    {leave, 2},     {break_a_rule, 2},
+                 {be_late, 2}, {question, 1}, {be_wrong, 12}, {break_off, 2}, {break_protocol, 1}};
     uint32_t weights = 0;
-    for (size_t i = 0; i < sizeof kinds / sizeof *kinds; i++)
+    for (size_t i = 0; i < sizeof kinds / sizeof *kinds; i++) {
+        kinds[i].run(below(CLIENTS));
         weights += kinds[i].weight;
+    }
     while (requests < count) {
         size_t kind = 0;
         for (uint32_t at = below(weights); at >= kinds[kind].weight; kind++)
