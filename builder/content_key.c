@@ -49,7 +49,7 @@ static void digest_leaf(void *context, size_t index)
         atomic_store_explicit(&leaves->failed, true, memory_order_relaxed);
 }
 
-/* What comes before the digests. */
+/* The bytes that the root of a key hashes before the digests of the leaves. */
 struct root {
     const char *domain; /* 16 bytes */
     unsigned char bytes[72]; /* the fixed-size fields */

@@ -28,9 +28,9 @@ enum { EMBREE_PIECE_MOST = 3071, EMBREE_SPLIT_PIECE_MOST = 256 };
 enum embree_quality { EMBREE_LOW, EMBREE_MEDIUM, EMBREE_HIGH };
 
 /*
- * What decides Embree's trees beside its input. `estimate` is a digest of the processor's reciprocal estimate, which
- * differs between makers of processors: the Morton codes of quality LOW depend on it. Which instruction set Embree
- * chooses does not matter, because rtcBuildBVH exists once, for the processors' common one.
+ * Names what decides Embree's trees beside its input, for keys. `estimate` is a digest of the processor's reciprocal
+ * estimate, which differs between makers of processors: the Morton codes of quality LOW depend on it. Which instruction
+ * set Embree chooses does not matter, because rtcBuildBVH exists once, for the processors' common one.
  */
 struct embree_identity {
     uint32_t version; /* 31305 is 3.13.5 */

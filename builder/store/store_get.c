@@ -25,7 +25,7 @@ static enum bvhd_status missing(const struct reading *reading, struct bvhd_error
     return bvhd_error_set(error, BVHD_NOT_FOUND, reading->name, "is not in the cache on disk");
 }
 
-/* Whether it is a file that the store may have written, and nobody else has. */
+/* Returns whether it is a file that the store may have written, and that nobody else can write. */
 static bool is_ours(const struct reading *reading)
 {
     const struct stat *about = &reading->about;

@@ -13,7 +13,7 @@
 #include "builder/top/split.h"
 #include "builder/top/wide_pieces.h"
 
-/* How the tree of a piece is made; the last three by Embree (embree.h). */
+/* The ways to make the tree of a piece; the last three are by Embree (embree.h). */
 enum pieces_method {
     PIECES_PLOC,
     PIECES_BINNED,

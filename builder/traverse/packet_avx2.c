@@ -279,7 +279,7 @@ BOXTEST_AVX2_INLINE void packet_triangles_init(struct packet *packet, const __m2
     }
 }
 
-/* What four rays find at a triangle. */
+/* The hits of four rays at one triangle. */
 struct packet_hits {
     double t[4], u[4], v[4], sum[4];
     uint32_t maybe, is_clear; /* lanes: the ray can meet the triangle; the numbers above are its hit */

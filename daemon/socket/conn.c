@@ -240,7 +240,7 @@ static void read_frames(struct conn *conn)
     }
 }
 
-/* Whether the client keeps others of its user waiting by results that were sent and not read. */
+/* Returns whether the client keeps others of its user waiting by results that were sent and not read. */
 static bool presses(const struct conn *conn)
 {
     return conn->outbox.unread > 0 && conn->session && session_is_behind(conn->session);

@@ -21,7 +21,7 @@
 
 enum { METRICS_CLIENTS = 8, METRICS_MS = 5000 };
 
-/* What a server needs; the pointers must outlive it. */
+/* The arguments of a server; the pointers must outlive it. */
 struct metrics_options {
     const char *path;
     struct descriptors *descriptors; /* where the clients' sockets are counted */

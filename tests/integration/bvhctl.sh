@@ -92,7 +92,7 @@ expect 'no parts of files' [ -z "$(find cut cut-build -name '*.??????')" ]
 expect 'no picture' [ ! -e cut/picture.png ]
 expect 'no manifest' [ ! -e cut-build/manifest.json ]
 
-# What has no result at its deadline is cancelled; what has enough time is built.
+# Structures without a result at their deadline are cancelled; those with enough time are built.
 run 2 --local build ball.ply -o late --deadline 0
 one_error_line
 run 1 --local build large.ply -o late --quality high --deadline 1 --json

@@ -236,7 +236,7 @@ if (ulimit -n 512 && "$bvhd" --version) >/dev/null 2>&1; then
     expect 'it leaves no socket' gone s
 fi
 
-# What it says of itself: a line for each slow structure, and the socket for monitoring.
+# The daemon tells about itself: by a line for each slow structure, and by the socket for monitoring.
 start --slow-build 0.001 --metrics m
 "$helper" build s 100000 >built
 expect 'it was built' has 'result OK' built

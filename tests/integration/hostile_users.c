@@ -312,7 +312,7 @@ static void case_shared(void)
 
 /* ---- the figure ---- */
 
-/* What both processes see. */
+/* The state of the load, in memory that both processes share. */
 struct load {
     atomic_bool runs, pauses;
     atomic_uint under_way, done;
@@ -402,7 +402,7 @@ static void pause_load(struct load *load, bool pauses)
         sleep_ms(100);
 }
 
-/* What the daemon has in memory, and what lies in results that clients have not read or hold, in MiB. */
+/* Returns the memory of the daemon, and of results that clients have not read or hold, in MiB. */
 static double memory_in_use(void)
 {
     uint64_t held = hostile_counter(&hostile, "results_held_bytes");

@@ -230,7 +230,7 @@ static void others_go_on(void **state)
     local_bed_stop(&bed);
 }
 
-/* What a program may do with a batch does not depend on its deadline. */
+/* A batch that has a deadline can be cancelled and destroyed like any other. */
 static void batches_may_go_before(void **state)
 {
     (void)state;

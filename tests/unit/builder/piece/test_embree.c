@@ -206,7 +206,7 @@ static void hardly_thick_boxes_are_safe(void **state)
     }
 }
 
-/* What Embree allocates counts in the budget, and a refusal there is an error like any other. */
+/* Memory that Embree allocates counts in the budget, and a refusal of it is an error like any other. */
 static void memory_is_counted(void **state)
 {
     (void)state;

@@ -41,7 +41,9 @@ static void test_turns_change_and_weight_stays(void **state)
     assert_int_equal(now().nice, most < 19 ? most : 19);
 }
 
-/* Whoever started the daemon with another policy has decided. The test comes last, since there is no way back. */
+/*
+ * A policy that an administrator has chosen is kept. This test comes last, because a thread cannot leave that policy.
+ */
 static void test_other_policies_are_left(void **state)
 {
     struct turns turns;

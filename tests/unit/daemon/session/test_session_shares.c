@@ -206,7 +206,7 @@ static uint32_t begin_frames(struct world_client **clients, uint32_t count, uint
     return begun;
 }
 
-/* What is set aside for unfinished frames has a share, and nobody's frames keep another user from one of its own. */
+/* The buffers of unfinished frames have a share, and one user's frames never keep another user from having one. */
 static void unfinished_frames_have_a_share(void **state)
 {
     enum { WHOLE = FRAME_HEADER_SIZE + FRAME_MAX_CONTROL + FRAME_MAX_INLINE, EACH = 7 };

@@ -128,7 +128,9 @@ static void test_find_top(void **state)
     assert_int_equal(memory.live, 0);
 }
 
-/* What only some manifests say: sizes, the files of scenes, and scenes without a name. What cannot be is left out. */
+/*
+ * Some manifests have sizes, the files of scenes, or scenes without a name. Values that are not possible are left out.
+ */
 static void test_optional_members(void **state)
 {
     (void)state;

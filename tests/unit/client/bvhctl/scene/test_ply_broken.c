@@ -288,7 +288,7 @@ static void test_long_words(void **state)
     expect_text(text, "");
 }
 
-/* What has never been read cannot be skipped, either. */
+/* Skipping beyond the end of a file fails, as reading there does. */
 static void test_skipping(void **state)
 {
     (void)state;
