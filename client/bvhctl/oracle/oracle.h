@@ -5,7 +5,8 @@
  * It uses no acceleration structure and shares no code with traverse.h. For every triangle that a ray might meet,
  * bounds say how far its edge functions and its t move when every input (vertex, matrix and ray component) moves by one
  * float ulp. By them the triangle is surely hit, surely missed, or possibly hit. The answer for a ray is certain when
- * no possibly hit triangle could change it. Triangles whose t intervals overlap are tied, and any of them is right.
+ * no possibly hit triangle could change it. Triangles whose t intervals overlap are tied, and any of them is right; so
+ * are those whose t is the same to 32 significant bits, because then bvhd_cpu.h chooses by their numbers.
  */
 #ifndef BVHD_ORACLE_H
 #define BVHD_ORACLE_H

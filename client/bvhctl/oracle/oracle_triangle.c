@@ -8,6 +8,12 @@
 #define ROUNDING (2 * DBL_EPSILON)
 #define WIDEN (1 + 8 * DBL_EPSILON)
 
+/*
+ * Half of what two distances differ by at most, relative to them, if they are rounded to the same number of 32
+ * significant bits: their spacing is at most 2^-31.
+ */
+#define EQUAL_WITHIN 0x1p-32
+
 struct radial radial_input(float value)
 {
     float power = fabsf(value);
@@ -210,8 +216,8 @@ static struct oracle_crossing crossing_of(const struct oracle_ray *ray, double z
     struct radial depth = {fmax(fabs(low), fabs(high)), ray->origin[2].radius};
     struct oracle_crossing crossing = {.t = z / scale, .shift = radial_div(depth, ray->direction_z).radius};
     double a = low / scale, b = high / scale;
-    crossing.low = fmin(a, b) - ROUNDING * fabs(fmin(a, b));
-    crossing.high = fmax(a, b) + ROUNDING * fabs(fmax(a, b));
+    crossing.low = fmin(a, b) - (EQUAL_WITHIN + ROUNDING) * fabs(fmin(a, b));
+    crossing.high = fmax(a, b) + (EQUAL_WITHIN + ROUNDING) * fabs(fmax(a, b));
     return crossing;
 }
 

@@ -58,7 +58,8 @@ struct oracle_crossing {
     double t;
     /*
      * the interval of t for comparisons with other triangles on the same ray. It leaves out the moves of inputs that
-     * shift the t of all triangles alike
+     * shift the t of all triangles alike, and is wide enough to meet that of every distance which counts as equal
+     * (bvhd_cpu.h: to 32 significant bits)
      */
     double low, high;
     double shift; /* what those moves add: t itself is in [low - shift, high + shift] */

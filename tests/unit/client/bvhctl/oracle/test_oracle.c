@@ -278,6 +278,28 @@ static void coincident_triangles_are_tied_and_told_in_runs(void **state)
     forget(&answer);
 }
 
+/* From afar, triangles 2^-17 apart are at the same distance to 32 significant bits, and 2^-14 apart they are not. */
+static void triangles_at_equal_distances_are_tied(void **state)
+{
+    (void)state;
+    const struct {
+        float gap;
+        uint32_t tied;
+    } cases[] = {{0x1p-17f, 2}, {0x1p-14f, 1}};
+    for (int i = 0; i < 2; i++) {
+        const float low = 0.75f - cases[i].gap,
+                    positions[18] = {0, 0, low, 1, 0, low, 0, 1, low, 0, 0, 0.75f, 1, 0, 0.75f, 0, 1, 0.75f};
+        const struct oracle_mesh mesh = make_mesh(positions, NULL, 2);
+        struct oracle_answer answer = ask(&mesh, 1, make_ray(0.25f, 0.25f, 49339.5f, 0, 0, -1));
+        const struct ray_hit lower = make_hit(RAY_NO_INSTANCE, 0, 0, 49338.75f);
+        assert_int_equal(answer.kind, ORACLE_HIT);
+        assert_int_equal(tied_triangles(&answer), cases[i].tied);
+        assert_int_equal(oracle_judge(&answer, &lower, NULL),
+                         cases[i].tied == 2 ? ORACLE_RIGHT : ORACLE_WRONG_PRIMITIVE);
+        forget(&answer);
+    }
+}
+
 static void misses_and_doubts_are_judged(void **state)
 {
     (void)state;
@@ -462,6 +484,7 @@ int main(void)
         cmocka_unit_test(an_equal_edge_of_another_instance_settles_nothing),
         cmocka_unit_test(doubts_behind_the_answer_do_not_matter),
         cmocka_unit_test(coincident_triangles_are_tied_and_told_in_runs),
+        cmocka_unit_test(triangles_at_equal_distances_are_tied),
         cmocka_unit_test(misses_and_doubts_are_judged),
         cmocka_unit_test(whole_answers_hold_for_moved_rays),
         cmocka_unit_test(threads_change_nothing),
