@@ -95,8 +95,8 @@ static enum bvhd_status check_build(const struct bvhd_build *build, struct build
     if (status != BVHD_OK)
         return status;
     if (build->info_count > 0 && !build->infos)
-        return bvhd_error_set(error, BVHD_INVALID, "build.infos", "build.infos is NULL, but info_count is %u",
-                              build->info_count);
+        return bvhd_error_rule(error, BVHD_VUID_Build_pInfos_parameter, "build.infos",
+                               "build.infos is NULL, but info_count is %u", build->info_count);
     if (build->reference_count > 0 && !build->references)
         return bvhd_error_set(error, BVHD_INVALID, "build.references",
                               "build.references is NULL, but reference_count is %u", build->reference_count);

@@ -133,6 +133,32 @@ static enum bvhd_status check_geometry_head(const struct input_entry *entry, uin
     return status == BVHD_OK ? check_data_head(entry, index, source) : status;
 }
 
+/*
+ * Refuses a number of geometries that no structure may have, before memory is asked for them. Smaller numbers are left
+ * to validate_input, which knows the limits that are announced.
+ */
+static enum bvhd_status check_geometry_count(const struct input_entry *entry)
+{
+    const VkAccelerationStructureBuildGeometryInfoKHR *info = entry->info;
+    if (info->geometryCount <= LIMIT_MAX_GEOMETRIES &&
+        (info->geometryCount <= 1 || info->type != VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR))
+        return BVHD_OK;
+    struct place count = place("infos[%u].geometryCount", entry->index), type = place("infos[%u].type", entry->index);
+    switch ((uint32_t)info->type) {
+    case STRUCTURE_TOP:
+        return bvhd_error_rule(entry->error, BVHD_VUID_03790, count.text, "a top level has one geometry, not %u",
+                               info->geometryCount);
+    case STRUCTURE_BOTTOM:
+        return bvhd_error_rule(entry->error, BVHD_VUID_03793, count.text, "%u geometries, at most %u",
+                               info->geometryCount, (unsigned)LIMIT_MAX_GEOMETRIES);
+    case STRUCTURE_GENERIC:
+        return bvhd_error_rule(entry->error, BVHD_VUID_03654, type.text, "GENERIC is no type to build");
+    default:
+        return bvhd_error_rule(entry->error, BVHD_VUID_BuildGeometryInfo_type_parameter, type.text,
+                               "type is %u, which is none that is built", (unsigned)info->type);
+    }
+}
+
 static enum bvhd_status check_head(const struct input_entry *entry)
 {
     const VkAccelerationStructureBuildGeometryInfoKHR *info = entry->info;
@@ -142,6 +168,8 @@ static enum bvhd_status check_head(const struct input_entry *entry)
     if (status == BVHD_OK)
         status = check_chain(entry, BVHD_VUID_BuildGeometryInfo_pNext_pNext, place("infos[%u].pNext", entry->index),
                              info->pNext);
+    if (status == BVHD_OK)
+        status = check_geometry_count(entry);
     if (status != BVHD_OK || info->geometryCount == 0)
         return status;
     if ((info->pGeometries != NULL) == (info->ppGeometries != NULL))
@@ -150,12 +178,13 @@ static enum bvhd_status check_head(const struct input_entry *entry)
                                    ? "pGeometries and ppGeometries are both set"
                                    : "pGeometries and ppGeometries are both NULL, but geometryCount is %u",
                                info->geometryCount);
-    if (!entry->call->ranges || !entry->call->ranges[entry->index])
-        return bvhd_error_rule(entry->error, BVHD_VUID_11702, place("ranges[%u]", entry->index).text,
-                               "%s is NULL, but geometryCount is %u",
-                               entry->call->ranges ? place("ranges[%u]", entry->index).text : "ranges",
-                               info->geometryCount);
-    return BVHD_OK;
+    bool is_array = entry->call->ranges != NULL;
+    if (is_array && entry->call->ranges[entry->index])
+        return BVHD_OK;
+    struct place ranges = place("ranges[%u]", entry->index);
+    return bvhd_error_rule(entry->error, is_array ? BVHD_VUID_11702 : BVHD_VUID_Build_ppBuildRangeInfos_parameter,
+                           ranges.text, "%s is NULL, but geometryCount is %u", is_array ? ranges.text : "ranges",
+                           info->geometryCount);
 }
 
 /*

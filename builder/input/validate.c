@@ -21,12 +21,14 @@ struct subject {
     place("infos[%u].geometries[%u].%s", (subject)->info, (subject)->index, field).text
 #define RANGE_PLACE(subject, field) place("ranges[%u][%u].%s", (subject)->info, (subject)->index, field).text
 
+enum { BUILD_MOTION = 0x20 };
+
 /* Build flags that Vulkan defines and bvhd does not implement. */
 static const struct {
     uint32_t bit;
     const char *name;
 } foreign_flags[] = {
-    {0x20, "MOTION"},
+    {BUILD_MOTION, "MOTION"},
     {0x40, "ALLOW_OPACITY_MICROMAP_UPDATE"},
     {0x80, "ALLOW_DISABLE_OPACITY_MICROMAPS"},
     {0x100, "ALLOW_OPACITY_MICROMAP_DATA_UPDATE"},
@@ -41,6 +43,9 @@ enum {
     FOREIGN_FLAGS = 0x17e0,
 };
 
+/* Values of VkFormat that decide which rule a wrong one breaks, and an index type that triangles may not have. */
+enum { FORMAT_LAST_OF_CORE = 184, FORMAT_FIRST_OF_EXTENSIONS = 1000000000, INDEX_UINT8 = 1000265000 };
+
 /* Structure and geometry types that Vulkan defines and bvhd does not implement. */
 enum {
     STRUCTURE_OPACITY_MICROMAP = 1000623000,
@@ -50,7 +55,17 @@ enum {
     GEOMETRY_MICROMAP = 1000623000,
 };
 
-static enum bvhd_status check_type(uint32_t type, uint32_t index, struct bvhd_error *error)
+/* A type that no build may have breaks one rule more together with motion; that rule is the one that is reported. */
+static enum bvhd_status refuse_generic(uint32_t flags, uint32_t index, struct bvhd_error *error)
+{
+    if (flags & BUILD_MOTION)
+        return bvhd_error_rule(error, BVHD_VUID_04929, place("infos[%u].flags", index).text,
+                               "the flag MOTION excludes the type GENERIC");
+    return bvhd_error_rule(error, BVHD_VUID_03654, place("infos[%u].type", index).text,
+                           "GENERIC is the type of a structure to create, not to build: it is a top or a bottom level");
+}
+
+static enum bvhd_status check_type(uint32_t type, uint32_t flags, uint32_t index, struct bvhd_error *error)
 {
     struct place where = place("infos[%u].type", index);
     switch (type) {
@@ -58,9 +73,7 @@ static enum bvhd_status check_type(uint32_t type, uint32_t index, struct bvhd_er
     case STRUCTURE_BOTTOM:
         return BVHD_OK;
     case STRUCTURE_GENERIC:
-        return bvhd_error_rule(
-            error, BVHD_VUID_03654, where.text,
-            "GENERIC is the type of a structure to create, not to build: it is a top or a bottom level");
+        return refuse_generic(flags, index, error);
     case STRUCTURE_OPACITY_MICROMAP:
         return bvhd_error_set(error, BVHD_UNSUPPORTED, where.text, "opacity micromaps are not built");
     default:
@@ -197,13 +210,32 @@ static enum bvhd_status check_geometry_flags(const struct subject *subject)
     return BVHD_OK;
 }
 
+/* Numbers of extensions may be formats that are newer than this program, those below them are known. */
+static enum bvhd_status refuse_format(const struct subject *subject)
+{
+    uint32_t format = subject->geometry->triangles.vertex_format;
+    bool is_format = format <= FORMAT_LAST_OF_CORE || format >= FORMAT_FIRST_OF_EXTENSIONS;
+    return bvhd_error_rule(subject->error, is_format ? BVHD_VUID_03797 : BVHD_VUID_TrianglesData_vertexFormat_parameter,
+                           GEOMETRY_PLACE(subject, "triangles.vertexFormat"), "vertexFormat is %s, which is no %s",
+                           vulkan_name(VULKAN_FORMAT, format).text, is_format ? "format of vertices" : "VkFormat");
+}
+
+static enum bvhd_status check_index_type(const struct subject *subject)
+{
+    uint32_t type = subject->geometry->triangles.index_type;
+    if (type == INDEX_NONE || type == INDEX_UINT16 || type == INDEX_UINT32)
+        return BVHD_OK;
+    return bvhd_error_rule(
+        subject->error, type == INDEX_UINT8 ? BVHD_VUID_03798 : BVHD_VUID_TrianglesData_indexType_parameter,
+        GEOMETRY_PLACE(subject, "triangles.indexType"), "indexType is %s, none of UINT16, UINT32 and NONE",
+        vulkan_name(VULKAN_INDEX_TYPE, type).text);
+}
+
 static enum bvhd_status check_triangle_fields(const struct subject *subject, const struct vertex_format *format)
 {
     const struct geometry_triangles *triangles = &subject->geometry->triangles;
     if (!format)
-        return bvhd_error_rule(subject->error, BVHD_VUID_03797, GEOMETRY_PLACE(subject, "triangles.vertexFormat"),
-                               "vertexFormat is %s, which is no format of vertices",
-                               vulkan_name(VULKAN_FORMAT, triangles->vertex_format).text);
+        return refuse_format(subject);
     if (triangles->vertex_stride % format->alignment != 0)
         return bvhd_error_rule(subject->error, BVHD_VUID_03735, GEOMETRY_PLACE(subject, "triangles.vertexStride"),
                                "%" PRIu64 " is no multiple of %u, as %s needs", triangles->vertex_stride,
@@ -211,12 +243,7 @@ static enum bvhd_status check_triangle_fields(const struct subject *subject, con
     if (triangles->vertex_stride > UINT32_MAX)
         return bvhd_error_rule(subject->error, BVHD_VUID_03819, GEOMETRY_PLACE(subject, "triangles.vertexStride"),
                                "%" PRIu64 " is over 2^32 - 1", triangles->vertex_stride);
-    if (triangles->index_type != INDEX_NONE && triangles->index_type != INDEX_UINT16 &&
-        triangles->index_type != INDEX_UINT32)
-        return bvhd_error_rule(subject->error, BVHD_VUID_03798, GEOMETRY_PLACE(subject, "triangles.indexType"),
-                               "indexType is %s, none of UINT16, UINT32 and NONE",
-                               vulkan_name(VULKAN_INDEX_TYPE, triangles->index_type).text);
-    return BVHD_OK;
+    return check_index_type(subject);
 }
 
 static enum bvhd_status check_triangle_range(const struct subject *subject, const struct vertex_format *format)
@@ -391,7 +418,7 @@ static enum bvhd_status check_geometries(const struct build_input *input, uint32
 enum bvhd_status validate_input_until(const struct build_input *input, uint32_t index, const struct limits *limits,
                                       const atomic_bool *cancel, struct bvhd_error *error)
 {
-    enum bvhd_status status = check_type(input->type, index, error);
+    enum bvhd_status status = check_type(input->type, input->flags, index, error);
     if (status == BVHD_OK)
         status = check_flags(input->flags, index, error);
     if (status == BVHD_OK)

@@ -293,6 +293,7 @@ static void builds(void)
     BUILD(world.build.struct_size = 0, 0, BVHD_INVALID, "build.struct_size", "sizeof(struct bvhd_build)");
     BUILD(world.build.struct_size = sizeof world.build - 1, 0, BVHD_INVALID, "build.struct_size", "struct_size is");
     BUILD(world.build.infos = NULL, 0, BVHD_INVALID, "build.infos", "build.infos is NULL, but info_count is 3");
+    assert_string_equal(bvhd_vuid_string(world.error.vuid), "VUID-vkBuildAccelerationStructuresKHR-pInfos-parameter");
     BUILD(world.build.references = NULL, 0, BVHD_INVALID, "build.references",
           "build.references is NULL, but reference_count is 3");
     BUILD(world.build.quality = (enum bvhd_quality)9, 0, BVHD_INVALID, "build.quality", "9 is no value");
@@ -350,6 +351,7 @@ static void infos(void)
           "pGeometries and ppGeometries are both set");
     BUILD((world.infos[0].pGeometries = NULL, world.infos[0].ppGeometries = world.geometry_pointers), 0, BVHD_INVALID,
           "infos[0].ppGeometries[0]", "ppGeometries[0] is NULL");
+    BUILD(world.infos[0].geometryCount = 0x7fffffff, 0, BVHD_INVALID, "infos[0].geometryCount", "at most 16777215");
     BUILD(world.build.ranges = NULL, 0, BVHD_INVALID, "ranges[0]", "ranges is NULL, but geometryCount is 1");
     BUILD(world.range_pointers[1] = NULL, 1, BVHD_INVALID, "ranges[1]", "ranges[1] is NULL, but geometryCount is 1");
     BUILD(world.infos[2].geometryCount = 0, 2, BVHD_INVALID, "infos[2].geometryCount", "a top level has one geometry");

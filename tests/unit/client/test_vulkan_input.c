@@ -246,6 +246,9 @@ static void every_rule_is_named(void **state)
     REFUSE(call.geometry_pointers[0] = NULL, 1, BVHD_INVALID, INFO "ppGeometries-parameter",
            "infos[1].ppGeometries[0]");
     REFUSE(call.ranges[2] = NULL, 2, BVHD_INVALID, CALL "pInfos-11702", "ranges[2]");
+    REFUSE(call.range_array = NULL;
+           call.infos[1].geometryCount = call.infos[2].geometryCount = call.infos[3].geometryCount = 0, 0, BVHD_INVALID,
+           CALL "ppBuildRangeInfos-parameter", "ranges[0]");
     REFUSE(call.geometries[0].sType = 0, 0, BVHD_INVALID, "VUID-VkAccelerationStructureGeometryKHR-sType-sType",
            "infos[0].geometries[0].sType");
     REFUSE(call.geometries[1].pNext = &stray, 1, BVHD_INVALID, "VUID-VkAccelerationStructureGeometryKHR-pNext-pNext",
@@ -266,8 +269,25 @@ static void every_rule_is_named(void **state)
            "infos[3].geometries[0].instances.pNext");
     REFUSE(call.instance_pointers[4] = NULL, 3, BVHD_INVALID, CALL "pInfos-03778",
            "infos[3].geometries[0].instances[2]");
-#undef REFUSE
 }
+
+/* Numbers that no structure may have are refused before memory is asked for them, and before they are read. */
+static void impossible_counts_take_no_memory(void **state)
+{
+    (void)state;
+    struct call call;
+    memory.peak = 0;
+    REFUSE(call.infos[0].geometryCount = 0x7fffffff, 0, BVHD_INVALID, INFO "type-03793", "infos[0].geometryCount");
+    REFUSE(call.infos[0].geometryCount = 1 << 24, 0, BVHD_INVALID, INFO "type-03793", "infos[0].geometryCount");
+    REFUSE(call.infos[2].geometryCount = UINT32_MAX, 2, BVHD_INVALID, INFO "type-03790", "infos[2].geometryCount");
+    REFUSE(call.infos[3].geometryCount = 2, 3, BVHD_INVALID, INFO "type-03790", "infos[3].geometryCount");
+    REFUSE(call.infos[0].geometryCount = UINT32_MAX; call.infos[0].type = VK_ACCELERATION_STRUCTURE_TYPE_GENERIC_KHR, 0,
+                                                     BVHD_INVALID, INFO "type-03654", "infos[0].type");
+    REFUSE(call.infos[0].geometryCount = UINT32_MAX; call.infos[0].type = (VkAccelerationStructureTypeKHR)77, 0,
+                                                     BVHD_INVALID, INFO "type-parameter", "infos[0].type");
+    assert_in_range(memory.peak, 1, 1 << 16);
+}
+#undef REFUSE
 
 /* Rule 03407 is about the handles that instances name, not about the references that are known. */
 static void destinations_are_not_named(void **state)
@@ -444,7 +464,7 @@ static void ranges_may_be_missing_altogether(void **state)
     call.range_array = NULL;
     assert_int_equal(convert(&call, &input, errors), BVHD_OK);
     for (int i = 0; i < ENTRIES; i++)
-        assert_int_equal(errors[i].vuid, i < 4 ? BVHD_VUID_11702 : BVHD_VUID_NONE);
+        assert_int_equal(errors[i].vuid, i < 4 ? BVHD_VUID_Build_ppBuildRangeInfos_parameter : BVHD_VUID_NONE);
     vulkan_input_destroy(input);
 }
 
@@ -483,10 +503,15 @@ static void every_allocation_may_fail(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(structs_are_converted),         cmocka_unit_test(descriptions_are_prepared),
-        cmocka_unit_test(every_rule_is_named),           cmocka_unit_test(destinations_are_not_named),
-        cmocka_unit_test(sizes_are_what_is_read),        cmocka_unit_test(nonsense_is_left_to_validation),
-        cmocka_unit_test(what_breaks_rules_is_not_read), cmocka_unit_test(ranges_may_be_missing_altogether),
+        cmocka_unit_test(structs_are_converted),
+        cmocka_unit_test(descriptions_are_prepared),
+        cmocka_unit_test(every_rule_is_named),
+        cmocka_unit_test(impossible_counts_take_no_memory),
+        cmocka_unit_test(destinations_are_not_named),
+        cmocka_unit_test(sizes_are_what_is_read),
+        cmocka_unit_test(nonsense_is_left_to_validation),
+        cmocka_unit_test(what_breaks_rules_is_not_read),
+        cmocka_unit_test(ranges_may_be_missing_altogether),
         cmocka_unit_test(every_allocation_may_fail),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

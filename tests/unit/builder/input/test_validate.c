@@ -56,6 +56,7 @@ static void make_native(struct test_input *test, uint32_t variant)
 }
 
 CHANGE(generic, test->input.type = STRUCTURE_GENERIC)
+CHANGE(generic_motion, test->input.type = STRUCTURE_GENERIC; test->input.flags = 0x20)
 CHANGE(unknown_type, test->input.type = 3)
 CHANGE(micromap_type, test->input.type = 1000623000)
 CHANGE(unknown_flags, test->input.flags = 0x2000)
@@ -94,6 +95,10 @@ CHANGE(unknown_geometry_flags, test->geometries[1].flags = 4)
 
 CHANGE(unknown_format, TRIANGLES(1).vertex_format = 107)
 CHANGE(undefined_format, TRIANGLES(0).vertex_format = 0)
+CHANGE(no_format, TRIANGLES(1).vertex_format = 185)
+CHANGE(no_format_below_extensions, TRIANGLES(0).vertex_format = 999999999)
+CHANGE(last_of_core, TRIANGLES(0).vertex_format = 184)
+CHANGE(extension_format, TRIANGLES(1).vertex_format = 1000000000)
 CHANGE(stride_alignment, TRIANGLES(0).vertex_stride = 18)
 CHANGE(packed_stride, TRIANGLES(1).vertex_format = 64; TRIANGLES(1).vertex_stride = 22)
 CHANGE(large_stride, TRIANGLES(0).vertex_stride = UINT64_C(1) << 32)
@@ -149,6 +154,7 @@ CHANGE(many_geometries, test->input.geometry_count = 1u << 24)
 
 static const struct wrong entries[] = {
     WRONG(triangles, generic, BUILD "type-03654", "infos[3].type"),
+    WRONG(triangles, generic_motion, BUILD "flags-04929", "infos[3].flags"),
     WRONG(triangles, unknown_type, BUILD "type-parameter", "infos[3].type"),
     FOREIGN(triangles, micromap_type, "infos[3].type"),
     WRONG(triangles, unknown_flags, BUILD "flags-parameter", "infos[3].flags"),
@@ -189,6 +195,14 @@ static const struct wrong entries[] = {
           "infos[3].geometries[1].triangles.vertexFormat"),
     WRONG(triangles, undefined_format, TRIANGLES_DATA "vertexFormat-03797",
           "infos[3].geometries[0].triangles.vertexFormat"),
+    WRONG(triangles, last_of_core, TRIANGLES_DATA "vertexFormat-03797",
+          "infos[3].geometries[0].triangles.vertexFormat"),
+    WRONG(triangles, extension_format, TRIANGLES_DATA "vertexFormat-03797",
+          "infos[3].geometries[1].triangles.vertexFormat"),
+    WRONG(triangles, no_format, TRIANGLES_DATA "vertexFormat-parameter",
+          "infos[3].geometries[1].triangles.vertexFormat"),
+    WRONG(triangles, no_format_below_extensions, TRIANGLES_DATA "vertexFormat-parameter",
+          "infos[3].geometries[0].triangles.vertexFormat"),
     WRONG(triangles, stride_alignment, TRIANGLES_DATA "vertexStride-03735",
           "infos[3].geometries[0].triangles.vertexStride"),
     WRONG(triangles, packed_stride, TRIANGLES_DATA "vertexStride-03735",
@@ -196,7 +210,8 @@ static const struct wrong entries[] = {
     WRONG(triangles, large_stride, TRIANGLES_DATA "vertexStride-03819",
           "infos[3].geometries[0].triangles.vertexStride"),
     WRONG(triangles, uint8_indices, TRIANGLES_DATA "indexType-03798", "infos[3].geometries[0].triangles.indexType"),
-    WRONG(triangles, unknown_indices, TRIANGLES_DATA "indexType-03798", "infos[3].geometries[1].triangles.indexType"),
+    WRONG(triangles, unknown_indices, TRIANGLES_DATA "indexType-parameter",
+          "infos[3].geometries[1].triangles.indexType"),
     WRONG(triangles, odd_index_offset, RANGE_INFO "primitiveOffset-03656", "ranges[3][0].primitiveOffset"),
     WRONG(triangles, index_offset_32, RANGE_INFO "primitiveOffset-03656", "ranges[3][0].primitiveOffset"),
     WRONG(triangles, vertex_offset, RANGE_INFO "primitiveOffset-03657", "ranges[3][1].primitiveOffset"),
