@@ -23,7 +23,7 @@ _Static_assert(256 * LARGE_LEAF > 2 * EMBREE_PIECE_MOST, "balanced trees hold a 
 
 /* A node while Embree builds. */
 struct node {
-    uint32_t children[2]; /* of an inner node: numbers of nodes */
+    uint32_t children[2]; /* of an inner node: numbers of nodes, greater than its own; 0 until they are known */
     uint32_t first, count; /* of a leaf: its range of `leaves`; an inner node's count is 0 */
 };
 
@@ -60,7 +60,7 @@ static void set_children(void *at, void **children, unsigned count, void *contex
 {
     const struct build *build = context;
     struct node *node = at;
-    for (unsigned i = 0; i < count && i < 2; i++)
+    for (unsigned i = 0; count == 2 && i < 2; i++)
         node->children[i] = (uint32_t)((const struct node *)children[i] - build->nodes);
 }
 
@@ -198,6 +198,16 @@ static enum RTCError call(struct build *build, uint32_t leaf_most, struct memory
     return *ret_root ? RTC_ERROR_NONE : library->get_device_error(device);
 }
 
+/* Returns whether every inner node has two children, which Embree has made after it, so that recursion ends. */
+static bool is_complete(const struct build *build)
+{
+    for (uint32_t i = 0; i < build->node_count; i++)
+        for (int k = 0; k < 2 && build->nodes[i].count == 0; k++)
+            if (build->nodes[i].children[k] <= i || build->nodes[i].children[k] >= build->node_count)
+                return false;
+    return true;
+}
+
 /* Chains of refs can make trees too deep for small leaves: then Embree may make large ones, which `emit` divides. */
 static enum bvhd_status run(struct build *build, struct memory *memory, const struct node **ret_root,
                             struct bvhd_error *error)
@@ -207,7 +217,7 @@ static enum bvhd_status run(struct build *build, struct memory *memory, const st
         failure = call(build, LARGE_LEAF, memory, ret_root);
     if (failure == RTC_ERROR_OUT_OF_MEMORY)
         return bvhd_error_no_memory(error, "", "no memory for Embree");
-    if (failure != RTC_ERROR_NONE || build->is_overfull)
+    if (failure != RTC_ERROR_NONE || build->is_overfull || !is_complete(build))
         return bvhd_error_set(error, BVHD_INTERNAL, "", "Embree has failed (%d)", (int)failure);
     return BVHD_OK;
 }

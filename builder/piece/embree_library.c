@@ -134,6 +134,13 @@ enum bvhd_status embree_identify(struct embree_identity *ret_identity, struct bv
     return BVHD_OK;
 }
 
+void embree_library_replace_build(void *(*build_bvh)(const struct RTCBuildArguments *arguments))
+{
+    static void *(*original)(const struct RTCBuildArguments *arguments);
+    original = original ? original : library.build_bvh;
+    library.build_bvh = build_bvh ? build_bvh : original;
+}
+
 void embree_library_configure(const char *config)
 {
     device_config = config ? config : DEVICE_CONFIG;

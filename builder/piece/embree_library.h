@@ -33,6 +33,9 @@ const struct embree_library *embree_library(struct bvhd_error *error);
  */
 void embree_library_configure(const char *config);
 
+/* For tests, once the library is loaded: this function replaces rtcBuildBVH from now on; NULL: rtcBuildBVH again. */
+void embree_library_replace_build(void *(*build_bvh)(const struct RTCBuildArguments *arguments));
+
 /* Returns the device, which is open (embree.h). */
 RTCDevice embree_library_device(void);
 

@@ -229,6 +229,39 @@ static void memory_is_counted(void **state)
     }
 }
 
+/* What Embree might answer: a node whose children are never set, and nodes with 1 or 3 of them or with their parent. */
+enum { UNSET, ONE, THREE, ITS_PARENT, ANSWERS };
+static int answer;
+
+static void *build_wrongly(const struct RTCBuildArguments *arguments)
+{
+    void *user = arguments->userPtr, *root = arguments->createNode(NULL, 2, user);
+    void *leaf = arguments->createLeaf(NULL, arguments->primitives, arguments->primitiveCount, user);
+    void *children[3] = {leaf, answer == ITS_PARENT ? root : leaf, leaf};
+    if (answer != UNSET)
+        arguments->setNodeChildren(root, children, answer == ONE ? 1 : answer == THREE ? 3 : 2, user);
+    return root;
+}
+
+static void impossible_trees_are_errors(void **state)
+{
+    (void)state;
+    struct triangles f;
+    struct bvhd_error error;
+    struct ir ir;
+    triangles_start(&f, CLOUD, 2, 0);
+    const struct embree_request request = request_for(&f, EMBREE_MEDIUM, 3);
+    embree_library_replace_build(build_wrongly);
+    for (answer = UNSET; answer < ANSWERS; answer++) {
+        assert_int_equal(embree_build(&request, &f.memory, &ir, &error), BVHD_INTERNAL);
+        assert_int_equal(f.memory.live, 0);
+    }
+    embree_library_replace_build(NULL);
+    ir = build_tree(&f, EMBREE_MEDIUM, 3);
+    ir_finish(&ir);
+    triangles_finish(&f);
+}
+
 static void the_identity_is_constant(void **state)
 {
     (void)state;
@@ -248,6 +281,7 @@ int main(void)
         cmocka_unit_test_setup_teardown(chains_are_bounded, start, end),
         cmocka_unit_test_setup_teardown(hardly_thick_boxes_are_safe, start, end),
         cmocka_unit_test_setup_teardown(memory_is_counted, start, end),
+        cmocka_unit_test_setup_teardown(impossible_trees_are_errors, start, end),
         cmocka_unit_test_setup_teardown(the_identity_is_constant, start, end),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
