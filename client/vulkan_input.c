@@ -2,8 +2,10 @@
 #include "client/vulkan_input.h"
 
 #include "proto/base/handle_table.h"
-#include "proto/base/request_limits.h"
 #include "proto/base/place.h"
+#include "proto/base/request_limits.h"
+#include "proto/base/validate_shape.h"
+#include "proto/base/vertex_element.h"
 #include "proto/base/vulkan_name.h"
 
 enum { RECORD_SIZE = sizeof(VkAccelerationStructureInstanceKHR), RECORD_REFERENCE = 56 };
@@ -134,29 +136,21 @@ static enum bvhd_status check_geometry_head(const struct input_entry *entry, uin
 }
 
 /*
- * Refuses a number of geometries that no structure may have, before memory is asked for them. Smaller numbers are left
- * to validate_input, which knows the limits that are announced.
+ * Refuses a number of geometries that no structure may have, before memory is asked for them. What else is wrong is
+ * left to validate_input, which knows the limits that are announced.
  */
 static enum bvhd_status check_geometry_count(const struct input_entry *entry)
 {
     const VkAccelerationStructureBuildGeometryInfoKHR *info = entry->info;
-    if (info->geometryCount <= LIMIT_MAX_GEOMETRIES &&
-        (info->geometryCount <= 1 || info->type != VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR))
+    const struct limits limits = limits_default();
+    if (info->geometryCount <= 1)
         return BVHD_OK;
-    struct place count = place("infos[%u].geometryCount", entry->index), type = place("infos[%u].type", entry->index);
-    switch ((uint32_t)info->type) {
-    case STRUCTURE_TOP:
-        return bvhd_error_rule(entry->error, BVHD_VUID_03790, count.text, "a top level has one geometry, not %u",
-                               info->geometryCount);
-    case STRUCTURE_BOTTOM:
-        return bvhd_error_rule(entry->error, BVHD_VUID_03793, count.text, "%u geometries, at most %u",
-                               info->geometryCount, (unsigned)LIMIT_MAX_GEOMETRIES);
-    case STRUCTURE_GENERIC:
-        return bvhd_error_rule(entry->error, BVHD_VUID_03654, type.text, "GENERIC is no type to build");
-    default:
-        return bvhd_error_rule(entry->error, BVHD_VUID_BuildGeometryInfo_type_parameter, type.text,
-                               "type is %u, which is none that is built", (unsigned)info->type);
-    }
+    enum bvhd_status status = BVHD_OK;
+    if (info->geometryCount > limits.max_geometries)
+        status = validate_type((uint32_t)info->type, info->flags, entry->index, entry->error);
+    return status == BVHD_OK
+               ? validate_geometry_count((uint32_t)info->type, info->geometryCount, entry->index, &limits, entry->error)
+               : status;
 }
 
 static enum bvhd_status check_head(const struct input_entry *entry)
@@ -214,15 +208,8 @@ static struct bytes bytes_at(const void *address, uint64_t size)
 
 static uint64_t element_size(uint32_t format)
 {
-    switch (format) {
-#define VERTEX_FORMAT(name, value, size, alignment)                                                                    \
-    case value:                                                                                                        \
-        return size;
-#include "proto/base/vertex_formats.def"
-#undef VERTEX_FORMAT
-    default:
-        return 0;
-    }
+    const struct vertex_element *element = vertex_element_find(format);
+    return element ? element->size : 0;
 }
 
 /*

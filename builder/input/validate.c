@@ -7,97 +7,8 @@
 #include "builder/format/layout.h"
 #include "proto/base/parallel.h"
 #include "proto/base/place.h"
-#include "proto/base/vulkan_name.h"
+#include "proto/base/validate_shape.h"
 #include "builder/input/vertex_format.h"
-
-/* The geometry that is being checked. */
-struct subject {
-    const struct geometry *geometry;
-    uint32_t info, index;
-    struct bvhd_error *error;
-};
-
-#define GEOMETRY_PLACE(subject, field)                                                                                 \
-    place("infos[%u].geometries[%u].%s", (subject)->info, (subject)->index, field).text
-#define RANGE_PLACE(subject, field) place("ranges[%u][%u].%s", (subject)->info, (subject)->index, field).text
-
-enum { BUILD_MOTION = 0x20 };
-
-/* Build flags that Vulkan defines and bvhd does not implement. */
-static const struct {
-    uint32_t bit;
-    const char *name;
-} foreign_flags[] = {
-    {BUILD_MOTION, "MOTION"},
-    {0x40, "ALLOW_OPACITY_MICROMAP_UPDATE"},
-    {0x80, "ALLOW_DISABLE_OPACITY_MICROMAPS"},
-    {0x100, "ALLOW_OPACITY_MICROMAP_DATA_UPDATE"},
-    {0x200, "ALLOW_DISPLACEMENT_MICROMAP_UPDATE"},
-    {0x400, "MICROMAP_LOSSY"},
-    {0x1000, "ALLOW_CLUSTER_OPACITY_MICROMAPS"},
-};
-
-enum {
-    OWN_FLAGS = BUILD_ALLOW_UPDATE | BUILD_ALLOW_COMPACTION | BUILD_PREFER_FAST_TRACE | BUILD_PREFER_FAST_BUILD |
-                BUILD_LOW_MEMORY | BUILD_ALLOW_DATA_ACCESS,
-    FOREIGN_FLAGS = 0x17e0,
-};
-
-/* Values of VkFormat that decide which rule a wrong one breaks, and an index type that triangles may not have. */
-enum { FORMAT_LAST_OF_CORE = 184, FORMAT_FIRST_OF_EXTENSIONS = 1000000000, INDEX_UINT8 = 1000265000 };
-
-/* Structure and geometry types that Vulkan defines and bvhd does not implement. */
-enum {
-    STRUCTURE_OPACITY_MICROMAP = 1000623000,
-    GEOMETRY_SPHERES = 1000429004,
-    GEOMETRY_LINEAR_SWEPT_SPHERES = 1000429005,
-    GEOMETRY_DENSE_TRIANGLES = 1000478000,
-    GEOMETRY_MICROMAP = 1000623000,
-};
-
-/* A type that no build may have breaks one rule more together with motion; that rule is the one that is reported. */
-static enum bvhd_status refuse_generic(uint32_t flags, uint32_t index, struct bvhd_error *error)
-{
-    if (flags & BUILD_MOTION)
-        return bvhd_error_rule(error, BVHD_VUID_04929, place("infos[%u].flags", index).text,
-                               "the flag MOTION excludes the type GENERIC");
-    return bvhd_error_rule(error, BVHD_VUID_03654, place("infos[%u].type", index).text,
-                           "GENERIC is the type of a structure to create, not to build: it is a top or a bottom level");
-}
-
-static enum bvhd_status check_type(uint32_t type, uint32_t flags, uint32_t index, struct bvhd_error *error)
-{
-    struct place where = place("infos[%u].type", index);
-    switch (type) {
-    case STRUCTURE_TOP:
-    case STRUCTURE_BOTTOM:
-        return BVHD_OK;
-    case STRUCTURE_GENERIC:
-        return refuse_generic(flags, index, error);
-    case STRUCTURE_OPACITY_MICROMAP:
-        return bvhd_error_set(error, BVHD_UNSUPPORTED, where.text, "opacity micromaps are not built");
-    default:
-        return bvhd_error_rule(error, BVHD_VUID_BuildGeometryInfo_type_parameter, where.text,
-                               "type is %u, which is no VkAccelerationStructureTypeKHR", type);
-    }
-}
-
-static enum bvhd_status check_flags(uint32_t flags, uint32_t index, struct bvhd_error *error)
-{
-    struct place where = place("infos[%u].flags", index);
-    uint32_t unknown = flags & ~(uint32_t)(OWN_FLAGS | FOREIGN_FLAGS);
-    if (unknown)
-        return bvhd_error_rule(error, BVHD_VUID_BuildGeometryInfo_flags_parameter, where.text, "unknown bits 0x%x",
-                               unknown);
-    if (flags & BUILD_PREFER_FAST_TRACE && flags & BUILD_PREFER_FAST_BUILD)
-        return bvhd_error_rule(error, BVHD_VUID_03796, where.text,
-                               "PREFER_FAST_TRACE and PREFER_FAST_BUILD exclude each other");
-    for (size_t i = 0; i < sizeof foreign_flags / sizeof foreign_flags[0]; i++)
-        if (flags & foreign_flags[i].bit)
-            return bvhd_error_set(error, BVHD_UNSUPPORTED, where.text, "flag %s is not supported",
-                                  foreign_flags[i].name);
-    return BVHD_OK;
-}
 
 static enum bvhd_status check_mode(const struct build_input *input, uint32_t index, struct bvhd_error *error)
 {
@@ -149,104 +60,7 @@ static enum bvhd_status check_options(const struct build_options *options, uint3
     return check_device(layout, &options->device, place("infos[%u].options.device", index).text, error);
 }
 
-static enum bvhd_status check_geometry_count(const struct build_input *input, uint32_t index,
-                                             const struct limits *limits, struct bvhd_error *error)
-{
-    struct place where = place("infos[%u].geometryCount", index);
-    uint64_t most = limits->max_geometries < LIMIT_MAX_GEOMETRIES ? limits->max_geometries : LIMIT_MAX_GEOMETRIES;
-    if (input->type == STRUCTURE_TOP && input->geometry_count != 1)
-        return bvhd_error_rule(error, BVHD_VUID_03790, where.text, "a top level has one geometry, not %u",
-                               input->geometry_count);
-    if (input->geometry_count > most)
-        return bvhd_error_rule(error, BVHD_VUID_03793, where.text, "%u geometries, at most %" PRIu64,
-                               input->geometry_count, most);
-    if (input->geometry_count > 0 && !input->geometries)
-        return bvhd_error_rule(error, BVHD_VUID_BuildGeometryInfo_pGeometries_parameter,
-                               place("infos[%u].pGeometries", index).text,
-                               "pGeometries is NULL, but geometryCount is %u", input->geometry_count);
-    return BVHD_OK;
-}
-
-static enum bvhd_status check_foreign_geometry(const struct subject *subject)
-{
-    switch (subject->geometry->type) {
-    case GEOMETRY_SPHERES:
-    case GEOMETRY_LINEAR_SWEPT_SPHERES:
-    case GEOMETRY_DENSE_TRIANGLES:
-    case GEOMETRY_MICROMAP:
-        return bvhd_error_set(subject->error, BVHD_UNSUPPORTED, GEOMETRY_PLACE(subject, "geometryType"),
-                              "%s is not supported", vulkan_name(VULKAN_GEOMETRY_TYPE, subject->geometry->type).text);
-    default:
-        return bvhd_error_rule(subject->error, BVHD_VUID_Geometry_geometryType_parameter,
-                               GEOMETRY_PLACE(subject, "geometryType"),
-                               "geometryType is %u, which is no VkGeometryTypeKHR", subject->geometry->type);
-    }
-}
-
-static enum bvhd_status check_geometry_type(const struct subject *subject, const struct build_input *input)
-{
-    uint32_t type = subject->geometry->type;
-    if (type > GEOMETRY_INSTANCES)
-        return check_foreign_geometry(subject);
-    if (input->type == STRUCTURE_TOP && type != GEOMETRY_INSTANCES)
-        return bvhd_error_rule(subject->error, BVHD_VUID_03789, GEOMETRY_PLACE(subject, "geometryType"),
-                               "%s in a top level, which is made of instances", vulkan_geometry_noun(type).text);
-    if (input->type == STRUCTURE_BOTTOM && type == GEOMETRY_INSTANCES)
-        return bvhd_error_rule(subject->error, BVHD_VUID_03791, GEOMETRY_PLACE(subject, "geometryType"),
-                               "instances in a bottom level, which is made of triangles or AABBs");
-    if (type != input->geometries[0].type)
-        return bvhd_error_rule(subject->error, BVHD_VUID_03792, GEOMETRY_PLACE(subject, "geometryType"),
-                               "%s after %s: a bottom level has one type of geometry", vulkan_geometry_noun(type).text,
-                               vulkan_geometry_noun(input->geometries[0].type).text);
-    return BVHD_OK;
-}
-
-static enum bvhd_status check_geometry_flags(const struct subject *subject)
-{
-    uint32_t unknown = subject->geometry->flags & ~(uint32_t)(GEOMETRY_OPAQUE | GEOMETRY_NO_DUPLICATE_ANY_HIT);
-    if (unknown)
-        return bvhd_error_rule(subject->error, BVHD_VUID_Geometry_flags_parameter, GEOMETRY_PLACE(subject, "flags"),
-                               "unknown bits 0x%x", unknown);
-    return BVHD_OK;
-}
-
-/* Numbers of extensions may be formats that are newer than this program, those below them are known. */
-static enum bvhd_status refuse_format(const struct subject *subject)
-{
-    uint32_t format = subject->geometry->triangles.vertex_format;
-    bool is_format = format <= FORMAT_LAST_OF_CORE || format >= FORMAT_FIRST_OF_EXTENSIONS;
-    return bvhd_error_rule(subject->error, is_format ? BVHD_VUID_03797 : BVHD_VUID_TrianglesData_vertexFormat_parameter,
-                           GEOMETRY_PLACE(subject, "triangles.vertexFormat"), "vertexFormat is %s, which is no %s",
-                           vulkan_name(VULKAN_FORMAT, format).text, is_format ? "format of vertices" : "VkFormat");
-}
-
-static enum bvhd_status check_index_type(const struct subject *subject)
-{
-    uint32_t type = subject->geometry->triangles.index_type;
-    if (type == INDEX_NONE || type == INDEX_UINT16 || type == INDEX_UINT32)
-        return BVHD_OK;
-    return bvhd_error_rule(
-        subject->error, type == INDEX_UINT8 ? BVHD_VUID_03798 : BVHD_VUID_TrianglesData_indexType_parameter,
-        GEOMETRY_PLACE(subject, "triangles.indexType"), "indexType is %s, none of UINT16, UINT32 and NONE",
-        vulkan_name(VULKAN_INDEX_TYPE, type).text);
-}
-
-static enum bvhd_status check_triangle_fields(const struct subject *subject, const struct vertex_format *format)
-{
-    const struct geometry_triangles *triangles = &subject->geometry->triangles;
-    if (!format)
-        return refuse_format(subject);
-    if (triangles->vertex_stride % format->alignment != 0)
-        return bvhd_error_rule(subject->error, BVHD_VUID_03735, GEOMETRY_PLACE(subject, "triangles.vertexStride"),
-                               "%" PRIu64 " is no multiple of %u, as %s needs", triangles->vertex_stride,
-                               format->alignment, format->name);
-    if (triangles->vertex_stride > UINT32_MAX)
-        return bvhd_error_rule(subject->error, BVHD_VUID_03819, GEOMETRY_PLACE(subject, "triangles.vertexStride"),
-                               "%" PRIu64 " is over 2^32 - 1", triangles->vertex_stride);
-    return check_index_type(subject);
-}
-
-static enum bvhd_status check_triangle_range(const struct subject *subject, const struct vertex_format *format)
+static enum bvhd_status check_triangle_range(const struct validate_subject *subject, const struct vertex_format *format)
 {
     const struct geometry_triangles *triangles = &subject->geometry->triangles;
     const struct geometry_range *range = &subject->geometry->range;
@@ -254,28 +68,28 @@ static enum bvhd_status check_triangle_range(const struct subject *subject, cons
     uint32_t alignment = !indexed ? format->alignment : triangles->index_type == INDEX_UINT16 ? 2 : 4;
     if (range->primitive_offset % alignment != 0)
         return bvhd_error_rule(subject->error, indexed ? BVHD_VUID_03656 : BVHD_VUID_03657,
-                               RANGE_PLACE(subject, "primitiveOffset"), "%u is no multiple of %u",
+                               VALIDATE_RANGE_PLACE(subject, "primitiveOffset"), "%u is no multiple of %u",
                                range->primitive_offset, alignment);
     if (triangles->transform.data && range->transform_offset % 16 != 0)
-        return bvhd_error_rule(subject->error, BVHD_VUID_03658, RANGE_PLACE(subject, "transformOffset"),
+        return bvhd_error_rule(subject->error, BVHD_VUID_03658, VALIDATE_RANGE_PLACE(subject, "transformOffset"),
                                "%u is no multiple of 16", range->transform_offset);
     uint64_t vertices = (uint64_t)range->first_vertex + (uint64_t)3 * range->primitive_count;
     if (!indexed && range->primitive_count > 0 && vertices - 1 > triangles->max_vertex)
-        return bvhd_error_rule(subject->error, BVHD_VUID_10775, RANGE_PLACE(subject, "primitiveCount"),
+        return bvhd_error_rule(subject->error, BVHD_VUID_10775, VALIDATE_RANGE_PLACE(subject, "primitiveCount"),
                                "%u triangles from vertex %u on reach past maxVertex %u", range->primitive_count,
                                range->first_vertex, triangles->max_vertex);
     return BVHD_OK;
 }
 
 /* Refuses memory that is not given, or does not hold what the range says. */
-static enum bvhd_status refuse_memory(const struct subject *subject, enum bvhd_vuid vuid, const char *field,
+static enum bvhd_status refuse_memory(const struct validate_subject *subject, enum bvhd_vuid vuid, const char *field,
                                       const struct bytes *memory, const char *contents)
 {
     uint32_t count = subject->geometry->range.primitive_count;
     if (!memory->data)
-        return bvhd_error_rule(subject->error, vuid, GEOMETRY_PLACE(subject, field),
+        return bvhd_error_rule(subject->error, vuid, VALIDATE_GEOMETRY_PLACE(subject, field),
                                "%s is NULL, but primitiveCount is %u", field, count);
-    return bvhd_error_rule(subject->error, vuid, GEOMETRY_PLACE(subject, field),
+    return bvhd_error_rule(subject->error, vuid, VALIDATE_GEOMETRY_PLACE(subject, field),
                            "%" PRIu64 " bytes do not hold the %s of %u primitives", memory->size, contents, count);
 }
 
@@ -283,7 +97,8 @@ static enum bvhd_status refuse_memory(const struct subject *subject, enum bvhd_v
  * Checks that the memory of a geometry is there. Vertices that are named by indices are checked once the indices are
  * known.
  */
-static enum bvhd_status check_triangle_memory(const struct subject *subject, const struct vertex_format *format)
+static enum bvhd_status check_triangle_memory(const struct validate_subject *subject,
+                                              const struct vertex_format *format)
 {
     const struct geometry_triangles *triangles = &subject->geometry->triangles;
     const struct geometry_range *range = &subject->geometry->range;
@@ -303,10 +118,10 @@ static enum bvhd_status check_triangle_memory(const struct subject *subject, con
     return BVHD_OK;
 }
 
-static enum bvhd_status check_triangles(const struct subject *subject)
+static enum bvhd_status check_triangles(const struct validate_subject *subject)
 {
     const struct vertex_format *format = vertex_format_find(subject->geometry->triangles.vertex_format);
-    enum bvhd_status status = check_triangle_fields(subject, format);
+    enum bvhd_status status = validate_triangles(subject);
     if (status == BVHD_OK)
         status = check_triangle_range(subject, format);
     if (status == BVHD_OK && subject->geometry->range.primitive_count > 0)
@@ -314,18 +129,18 @@ static enum bvhd_status check_triangles(const struct subject *subject)
     return status;
 }
 
-static enum bvhd_status check_aabbs(const struct subject *subject)
+static enum bvhd_status check_aabbs(const struct validate_subject *subject)
 {
     const struct geometry_aabbs *aabbs = &subject->geometry->aabbs;
     const struct geometry_range *range = &subject->geometry->range;
     if (aabbs->stride % 8 != 0)
-        return bvhd_error_rule(subject->error, BVHD_VUID_03545, GEOMETRY_PLACE(subject, "aabbs.stride"),
+        return bvhd_error_rule(subject->error, BVHD_VUID_03545, VALIDATE_GEOMETRY_PLACE(subject, "aabbs.stride"),
                                "%" PRIu64 " is no multiple of 8", aabbs->stride);
     if (aabbs->stride > UINT32_MAX)
-        return bvhd_error_rule(subject->error, BVHD_VUID_03820, GEOMETRY_PLACE(subject, "aabbs.stride"),
+        return bvhd_error_rule(subject->error, BVHD_VUID_03820, VALIDATE_GEOMETRY_PLACE(subject, "aabbs.stride"),
                                "%" PRIu64 " is over 2^32 - 1", aabbs->stride);
     if (range->primitive_offset % 8 != 0)
-        return bvhd_error_rule(subject->error, BVHD_VUID_03659, RANGE_PLACE(subject, "primitiveOffset"),
+        return bvhd_error_rule(subject->error, BVHD_VUID_03659, VALIDATE_RANGE_PLACE(subject, "primitiveOffset"),
                                "%u is no multiple of 8", range->primitive_offset);
     if (range->primitive_count > 0 &&
         (!aabbs->boxes.data || !bytes_reach(aabbs->boxes.size, range->primitive_offset, aabbs->stride,
@@ -334,12 +149,12 @@ static enum bvhd_status check_aabbs(const struct subject *subject)
     return BVHD_OK;
 }
 
-static enum bvhd_status check_instances(const struct subject *subject)
+static enum bvhd_status check_instances(const struct validate_subject *subject)
 {
     const struct bytes *records = &subject->geometry->instances.records;
     const struct geometry_range *range = &subject->geometry->range;
     if (range->primitive_offset % 16 != 0)
-        return bvhd_error_rule(subject->error, BVHD_VUID_03660, RANGE_PLACE(subject, "primitiveOffset"),
+        return bvhd_error_rule(subject->error, BVHD_VUID_03660, VALIDATE_RANGE_PLACE(subject, "primitiveOffset"),
                                "%u is no multiple of 16", range->primitive_offset);
     if (range->primitive_count > 0 &&
         (!records->data || !bytes_reach(records->size, range->primitive_offset, 64, range->primitive_count - 1, 64)))
@@ -347,35 +162,7 @@ static enum bvhd_status check_instances(const struct subject *subject)
     return BVHD_OK;
 }
 
-/* Checks the limit, and adds the geometry's primitives to *total. */
-static enum bvhd_status check_primitive_count(const struct subject *subject, const struct limits *limits,
-                                              uint64_t *total)
-{
-    bool instances = subject->geometry->type == GEOMETRY_INSTANCES,
-         triangles = subject->geometry->type == GEOMETRY_TRIANGLES;
-    uint64_t asked = instances ? limits->max_instances : limits->max_primitives;
-    uint64_t format_most = instances ? LIMIT_MAX_INSTANCES : LIMIT_MAX_PRIMITIVES;
-    uint64_t most = asked < format_most ? asked : format_most;
-    /* This cannot overflow: there are at most 2^24 geometries of less than 2^32 primitives. */
-    *total += subject->geometry->range.primitive_count;
-    if (*total <= most)
-        return BVHD_OK;
-    enum bvhd_vuid vuid = instances ? BVHD_VUID_03801 : triangles ? BVHD_VUID_03795 : BVHD_VUID_03794;
-    return bvhd_error_rule(subject->error, vuid, RANGE_PLACE(subject, "primitiveCount"),
-                           "%" PRIu64 " primitives up to here, at most %" PRIu64, *total, most);
-}
-
-/* Checks what a geometry is, and how much of it there is. */
-static enum bvhd_status check_shape(const struct subject *subject, const struct build_input *input,
-                                    const struct limits *limits, uint64_t *total)
-{
-    enum bvhd_status status = check_geometry_type(subject, input);
-    if (status == BVHD_OK)
-        status = check_geometry_flags(subject);
-    return status == BVHD_OK ? check_primitive_count(subject, limits, total) : status;
-}
-
-static enum bvhd_status check_data(const struct subject *subject)
+static enum bvhd_status check_data(const struct validate_subject *subject)
 {
     switch (subject->geometry->type) {
     case GEOMETRY_TRIANGLES:
@@ -387,7 +174,7 @@ static enum bvhd_status check_data(const struct subject *subject)
     }
 }
 
-static enum bvhd_status look_at_cancel(const struct subject *subject, const atomic_bool *cancel)
+static enum bvhd_status look_at_cancel(const struct validate_subject *subject, const atomic_bool *cancel)
 {
     if (!parallel_cancelled_at(cancel, subject->index))
         return BVHD_OK;
@@ -401,13 +188,13 @@ static enum bvhd_status check_geometries(const struct build_input *input, uint32
     enum bvhd_status status = BVHD_OK;
     uint64_t total = 0;
     for (uint32_t i = 0; status == BVHD_OK && i < input->geometry_count; i++) {
-        struct subject subject = {&input->geometries[i], index, i, error};
+        struct validate_subject subject = {&input->geometries[i], index, i, error};
         status = look_at_cancel(&subject, cancel);
         if (status == BVHD_OK)
-            status = check_shape(&subject, input, limits, &total);
+            status = validate_geometry(&subject, input, limits, &total);
     }
     for (uint32_t i = 0; status == BVHD_OK && i < input->geometry_count; i++) {
-        struct subject subject = {&input->geometries[i], index, i, error};
+        struct validate_subject subject = {&input->geometries[i], index, i, error};
         status = look_at_cancel(&subject, cancel);
         if (status == BVHD_OK)
             status = check_data(&subject);
@@ -418,15 +205,17 @@ static enum bvhd_status check_geometries(const struct build_input *input, uint32
 enum bvhd_status validate_input_until(const struct build_input *input, uint32_t index, const struct limits *limits,
                                       const atomic_bool *cancel, struct bvhd_error *error)
 {
-    enum bvhd_status status = check_type(input->type, input->flags, index, error);
-    if (status == BVHD_OK)
-        status = check_flags(input->flags, index, error);
+    enum bvhd_status status = validate_type(input->type, input->flags, index, error);
     if (status == BVHD_OK)
         status = check_mode(input, index, error);
     if (status == BVHD_OK)
         status = check_options(&input->options, index, error);
     if (status == BVHD_OK)
-        status = check_geometry_count(input, index, limits, error);
+        status = validate_geometry_count(input->type, input->geometry_count, index, limits, error);
+    if (status == BVHD_OK && input->geometry_count > 0 && !input->geometries)
+        status = bvhd_error_rule(error, BVHD_VUID_BuildGeometryInfo_pGeometries_parameter,
+                                 place("infos[%u].pGeometries", index).text,
+                                 "pGeometries is NULL, but geometryCount is %u", input->geometry_count);
     if (status == BVHD_OK)
         status = check_geometries(input, index, limits, cancel, error);
     return status;

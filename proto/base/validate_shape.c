@@ -1,0 +1,213 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "proto/base/validate_shape.h"
+
+#include <inttypes.h>
+
+#include "proto/base/place.h"
+#include "proto/base/vertex_element.h"
+#include "proto/base/vulkan_name.h"
+
+enum { BUILD_MOTION = 0x20 };
+
+/* Build flags that Vulkan defines and bvhd does not implement. */
+static const struct {
+    uint32_t bit;
+    const char *name;
+} foreign_flags[] = {
+    {BUILD_MOTION, "MOTION"},
+    {0x40, "ALLOW_OPACITY_MICROMAP_UPDATE"},
+    {0x80, "ALLOW_DISABLE_OPACITY_MICROMAPS"},
+    {0x100, "ALLOW_OPACITY_MICROMAP_DATA_UPDATE"},
+    {0x200, "ALLOW_DISPLACEMENT_MICROMAP_UPDATE"},
+    {0x400, "MICROMAP_LOSSY"},
+    {0x1000, "ALLOW_CLUSTER_OPACITY_MICROMAPS"},
+};
+
+enum {
+    OWN_FLAGS = BUILD_ALLOW_UPDATE | BUILD_ALLOW_COMPACTION | BUILD_PREFER_FAST_TRACE | BUILD_PREFER_FAST_BUILD |
+                BUILD_LOW_MEMORY | BUILD_ALLOW_DATA_ACCESS,
+    FOREIGN_FLAGS = 0x17e0,
+};
+
+/* Values of VkFormat that decide which rule a wrong one breaks, and an index type that triangles may not have. */
+enum { FORMAT_LAST_OF_CORE = 184, FORMAT_FIRST_OF_EXTENSIONS = 1000000000, INDEX_UINT8 = 1000265000 };
+
+/* Structure and geometry types that Vulkan defines and bvhd does not implement. */
+enum {
+    STRUCTURE_OPACITY_MICROMAP = 1000623000,
+    GEOMETRY_SPHERES = 1000429004,
+    GEOMETRY_LINEAR_SWEPT_SPHERES = 1000429005,
+    GEOMETRY_DENSE_TRIANGLES = 1000478000,
+    GEOMETRY_MICROMAP = 1000623000,
+};
+
+/* A type that no build may have breaks one rule more together with motion; that rule is the one that is reported. */
+static enum bvhd_status refuse_generic(uint32_t flags, uint32_t index, struct bvhd_error *error)
+{
+    if (flags & BUILD_MOTION)
+        return bvhd_error_rule(error, BVHD_VUID_04929, place("infos[%u].flags", index).text,
+                               "the flag MOTION excludes the type GENERIC");
+    return bvhd_error_rule(error, BVHD_VUID_03654, place("infos[%u].type", index).text,
+                           "GENERIC is the type of a structure to create, not to build: it is a top or a bottom level");
+}
+
+static enum bvhd_status check_type(uint32_t type, uint32_t flags, uint32_t index, struct bvhd_error *error)
+{
+    struct place where = place("infos[%u].type", index);
+    switch (type) {
+    case STRUCTURE_TOP:
+    case STRUCTURE_BOTTOM:
+        return BVHD_OK;
+    case STRUCTURE_GENERIC:
+        return refuse_generic(flags, index, error);
+    case STRUCTURE_OPACITY_MICROMAP:
+        return bvhd_error_set(error, BVHD_UNSUPPORTED, where.text, "opacity micromaps are not built");
+    default:
+        return bvhd_error_rule(error, BVHD_VUID_BuildGeometryInfo_type_parameter, where.text,
+                               "type is %u, which is no VkAccelerationStructureTypeKHR", type);
+    }
+}
+
+static enum bvhd_status check_flags(uint32_t flags, uint32_t index, struct bvhd_error *error)
+{
+    struct place where = place("infos[%u].flags", index);
+    uint32_t unknown = flags & ~(uint32_t)(OWN_FLAGS | FOREIGN_FLAGS);
+    if (unknown)
+        return bvhd_error_rule(error, BVHD_VUID_BuildGeometryInfo_flags_parameter, where.text, "unknown bits 0x%x",
+                               unknown);
+    if (flags & BUILD_PREFER_FAST_TRACE && flags & BUILD_PREFER_FAST_BUILD)
+        return bvhd_error_rule(error, BVHD_VUID_03796, where.text,
+                               "PREFER_FAST_TRACE and PREFER_FAST_BUILD exclude each other");
+    for (size_t i = 0; i < sizeof foreign_flags / sizeof foreign_flags[0]; i++)
+        if (flags & foreign_flags[i].bit)
+            return bvhd_error_set(error, BVHD_UNSUPPORTED, where.text, "flag %s is not supported",
+                                  foreign_flags[i].name);
+    return BVHD_OK;
+}
+
+enum bvhd_status validate_type(uint32_t type, uint32_t flags, uint32_t index, struct bvhd_error *error)
+{
+    enum bvhd_status status = check_type(type, flags, index, error);
+    return status == BVHD_OK ? check_flags(flags, index, error) : status;
+}
+
+enum bvhd_status validate_geometry_count(uint32_t type, uint32_t count, uint32_t index, const struct limits *limits,
+                                         struct bvhd_error *error)
+{
+    struct place where = place("infos[%u].geometryCount", index);
+    uint64_t most = limits->max_geometries < LIMIT_MAX_GEOMETRIES ? limits->max_geometries : LIMIT_MAX_GEOMETRIES;
+    if (type == STRUCTURE_TOP && count != 1)
+        return bvhd_error_rule(error, BVHD_VUID_03790, where.text, "a top level has one geometry, not %u", count);
+    if (count > most)
+        return bvhd_error_rule(error, BVHD_VUID_03793, where.text, "%u geometries, at most %" PRIu64, count, most);
+    return BVHD_OK;
+}
+
+static enum bvhd_status check_foreign_geometry(const struct validate_subject *subject)
+{
+    switch (subject->geometry->type) {
+    case GEOMETRY_SPHERES:
+    case GEOMETRY_LINEAR_SWEPT_SPHERES:
+    case GEOMETRY_DENSE_TRIANGLES:
+    case GEOMETRY_MICROMAP:
+        return bvhd_error_set(subject->error, BVHD_UNSUPPORTED, VALIDATE_GEOMETRY_PLACE(subject, "geometryType"),
+                              "%s is not supported", vulkan_name(VULKAN_GEOMETRY_TYPE, subject->geometry->type).text);
+    default:
+        return bvhd_error_rule(subject->error, BVHD_VUID_Geometry_geometryType_parameter,
+                               VALIDATE_GEOMETRY_PLACE(subject, "geometryType"),
+                               "geometryType is %u, which is no VkGeometryTypeKHR", subject->geometry->type);
+    }
+}
+
+static enum bvhd_status check_geometry_type(const struct validate_subject *subject, const struct build_input *input)
+{
+    uint32_t type = subject->geometry->type;
+    if (type > GEOMETRY_INSTANCES)
+        return check_foreign_geometry(subject);
+    if (input->type == STRUCTURE_TOP && type != GEOMETRY_INSTANCES)
+        return bvhd_error_rule(subject->error, BVHD_VUID_03789, VALIDATE_GEOMETRY_PLACE(subject, "geometryType"),
+                               "%s in a top level, which is made of instances", vulkan_geometry_noun(type).text);
+    if (input->type == STRUCTURE_BOTTOM && type == GEOMETRY_INSTANCES)
+        return bvhd_error_rule(subject->error, BVHD_VUID_03791, VALIDATE_GEOMETRY_PLACE(subject, "geometryType"),
+                               "instances in a bottom level, which is made of triangles or AABBs");
+    if (type != input->geometries[0].type)
+        return bvhd_error_rule(subject->error, BVHD_VUID_03792, VALIDATE_GEOMETRY_PLACE(subject, "geometryType"),
+                               "%s after %s: a bottom level has one type of geometry", vulkan_geometry_noun(type).text,
+                               vulkan_geometry_noun(input->geometries[0].type).text);
+    return BVHD_OK;
+}
+
+static enum bvhd_status check_geometry_flags(const struct validate_subject *subject)
+{
+    uint32_t unknown = subject->geometry->flags & ~(uint32_t)(GEOMETRY_OPAQUE | GEOMETRY_NO_DUPLICATE_ANY_HIT);
+    if (unknown)
+        return bvhd_error_rule(subject->error, BVHD_VUID_Geometry_flags_parameter,
+                               VALIDATE_GEOMETRY_PLACE(subject, "flags"), "unknown bits 0x%x", unknown);
+    return BVHD_OK;
+}
+
+/* Checks the limit, and adds the geometry's primitives to *total. */
+static enum bvhd_status check_primitive_count(const struct validate_subject *subject, const struct limits *limits,
+                                              uint64_t *total)
+{
+    bool instances = subject->geometry->type == GEOMETRY_INSTANCES,
+         triangles = subject->geometry->type == GEOMETRY_TRIANGLES;
+    uint64_t asked = instances ? limits->max_instances : limits->max_primitives;
+    uint64_t format_most = instances ? LIMIT_MAX_INSTANCES : LIMIT_MAX_PRIMITIVES;
+    uint64_t most = asked < format_most ? asked : format_most;
+    /* This cannot overflow: there are at most 2^24 geometries of less than 2^32 primitives. */
+    *total += subject->geometry->range.primitive_count;
+    if (*total <= most)
+        return BVHD_OK;
+    enum bvhd_vuid vuid = instances ? BVHD_VUID_03801 : triangles ? BVHD_VUID_03795 : BVHD_VUID_03794;
+    return bvhd_error_rule(subject->error, vuid, VALIDATE_RANGE_PLACE(subject, "primitiveCount"),
+                           "%" PRIu64 " primitives up to here, at most %" PRIu64, *total, most);
+}
+
+enum bvhd_status validate_geometry(const struct validate_subject *subject, const struct build_input *input,
+                                   const struct limits *limits, uint64_t *total)
+{
+    enum bvhd_status status = check_geometry_type(subject, input);
+    if (status == BVHD_OK)
+        status = check_geometry_flags(subject);
+    return status == BVHD_OK ? check_primitive_count(subject, limits, total) : status;
+}
+
+/* Numbers of extensions may be formats that are newer than this program, those below them are known. */
+static enum bvhd_status refuse_format(const struct validate_subject *subject)
+{
+    uint32_t format = subject->geometry->triangles.vertex_format;
+    bool is_format = format <= FORMAT_LAST_OF_CORE || format >= FORMAT_FIRST_OF_EXTENSIONS;
+    return bvhd_error_rule(subject->error, is_format ? BVHD_VUID_03797 : BVHD_VUID_TrianglesData_vertexFormat_parameter,
+                           VALIDATE_GEOMETRY_PLACE(subject, "triangles.vertexFormat"),
+                           "vertexFormat is %s, which is no %s", vulkan_name(VULKAN_FORMAT, format).text,
+                           is_format ? "format of vertices" : "VkFormat");
+}
+
+static enum bvhd_status check_index_type(const struct validate_subject *subject)
+{
+    uint32_t type = subject->geometry->triangles.index_type;
+    if (type == INDEX_NONE || type == INDEX_UINT16 || type == INDEX_UINT32)
+        return BVHD_OK;
+    return bvhd_error_rule(
+        subject->error, type == INDEX_UINT8 ? BVHD_VUID_03798 : BVHD_VUID_TrianglesData_indexType_parameter,
+        VALIDATE_GEOMETRY_PLACE(subject, "triangles.indexType"), "indexType is %s, none of UINT16, UINT32 and NONE",
+        vulkan_name(VULKAN_INDEX_TYPE, type).text);
+}
+
+enum bvhd_status validate_triangles(const struct validate_subject *subject)
+{
+    const struct geometry_triangles *triangles = &subject->geometry->triangles;
+    const struct vertex_element *format = vertex_element_find(triangles->vertex_format);
+    if (!format)
+        return refuse_format(subject);
+    if (triangles->vertex_stride % format->alignment != 0)
+        return bvhd_error_rule(
+            subject->error, BVHD_VUID_03735, VALIDATE_GEOMETRY_PLACE(subject, "triangles.vertexStride"),
+            "%" PRIu64 " is no multiple of %u, as %s needs", triangles->vertex_stride, format->alignment, format->name);
+    if (triangles->vertex_stride > UINT32_MAX)
+        return bvhd_error_rule(subject->error, BVHD_VUID_03819,
+                               VALIDATE_GEOMETRY_PLACE(subject, "triangles.vertexStride"),
+                               "%" PRIu64 " is over 2^32 - 1", triangles->vertex_stride);
+    return check_index_type(subject);
+}
