@@ -509,9 +509,7 @@ BOXTEST_AVX2 uint32_t packet_avx2_trace(struct traverse_walk *states, const stru
     packet.triangle_count = 0;
     packet.ready = packet.visited = 0;
     packet.live = lanes;
-    packet.tmax = _mm256_set1_ps(-1);
-    for (uint32_t rest = lanes; rest != 0; rest &= rest - 1)
-        lane_limit(&packet, (unsigned)__builtin_ctz(rest));
+    packet.tmax = _mm256_blendv_ps(_mm256_set1_ps(-1), components[7], lane_mask(lanes));
     if (rays[0]->flags & RAY_TERMINATE_ON_FIRST_HIT)
         packet_any(&packet);
     else

@@ -3,20 +3,14 @@
 
 #include "builder/traverse/traverse_walk.h"
 
-static void identify(const struct traverse_state *state, uint32_t bottom, uint64_t id, uint32_t *ret_geometry,
-                     uint32_t *ret_primitive)
+void traverse_walk_identify(const struct traverse_state *state, uint32_t bottom, uint64_t id, uint32_t *ret_geometry,
+                            uint32_t *ret_primitive)
 {
     const struct traverse_walk *walk = (const struct traverse_walk *)state;
     const struct portable_view *view = walk->scene->bottoms[bottom];
-    uint32_t geometry = portable_geometry_of(view, (uint32_t)id);
+    uint32_t geometry = view->header->geometry_count == 1 ? 0 : portable_geometry_of(view, (uint32_t)id);
     *ret_geometry = geometry;
     *ret_primitive = (uint32_t)id - view->geometries[geometry].first_primitive;
-}
-
-void traverse_walk_begin(struct traverse_walk *walk, const struct scene *scene)
-{
-    walk->state.identify = identify;
-    walk->scene = scene;
 }
 
 static void visit_triangles(struct traverse_walk *walk, uint32_t first, uint32_t count)
@@ -169,8 +163,7 @@ bool traverse(const struct scene *scene, const struct ray *ray, const struct tra
     struct traverse_walk walk;
     if (!traverse_state_begin(&walk.state, ray, options))
         return false;
-    walk.state.identify = identify;
-    walk.scene = scene;
+    traverse_walk_begin(&walk, scene);
     walk.avx2 = !walk.state.options->baseline_only && !walk.state.options->exact_only && has_avx2();
     if (!visit_triangles_only(&walk))
         visit_scene(&walk);

@@ -35,7 +35,7 @@ static void trace_packet(struct group *group, const uint8_t *indices, unsigned c
         struct traverse_walk *walk = &states[lane];
         traverse_state_begin(&walk->state, rays[lane], stream->options);
         traverse_walk_begin(walk, scene);
-        traverse_state_settle(&walk->state, NULL, false);
+        traverse_state_settle_plain(&walk->state);
     }
     uint32_t done = packet_avx2_trace(states, rays, (1u << count) - 1, scene->bottoms[0], scene->unpacked[0], &visited);
     stream->visits_together += visited;
@@ -58,12 +58,13 @@ static bool is_plain(const struct ray *ray)
     return !(ray->flags & ~(uint32_t)RAY_TERMINATE_ON_FIRST_HIT) && ray->tmin >= 0 && ray->tmin <= ray->tmax;
 }
 
+/* Returns the kind of a plain ray: the signs of its direction, and whether it searches any hit. */
 static unsigned kind_of(const struct ray *ray)
 {
-    unsigned kind = ray->flags & RAY_TERMINATE_ON_FIRST_HIT ? 8 : 0;
-    for (int axis = 0; axis < 3; axis++)
-        kind |= (unsigned)(ray->direction[axis] < 0) << axis;
-    return kind;
+    uint32_t direction[3];
+    memcpy(direction, ray->direction, sizeof direction);
+    return direction[0] >> 31 | direction[1] >> 31 << 1 | direction[2] >> 31 << 2 |
+           (ray->flags & RAY_TERMINATE_ON_FIRST_HIT ? 8 : 0);
 }
 
 bool traverse_groups_pay(const struct traverse_stream *stream)

@@ -109,6 +109,14 @@ static inline enum traverse_opacity traverse_state_opacity(uint32_t ray_flags, u
     return OPACITY_AS_BUILT;
 }
 
+/* Does the work of traverse_state_settle() for a plain ray in a bottom level without a top level. */
+static inline void traverse_state_settle_plain(struct traverse_state *state)
+{
+    state->instance = (struct traverse_instance){.instance = RAY_NO_INSTANCE};
+    state->is_plain = true; /* so culling and opacity are not used */
+    state->is_flipped = false;
+}
+
 /* Does the work of traverse_state_enter() except for the triangle_ray. */
 static inline bool traverse_state_settle(struct traverse_state *state, const struct traverse_instance *instance,
                                          bool is_aabbs)

@@ -21,8 +21,16 @@ struct traverse_walk {
     bool avx2; /* the machine has AVX2, and the caller does not forbid it */
 };
 
+/* Finds the geometry and the primitive of a triangle or an AABB; the state is that of a walk. */
+void traverse_walk_identify(const struct traverse_state *state, uint32_t bottom, uint64_t id, uint32_t *ret_geometry,
+                            uint32_t *ret_primitive);
+
 /* Gives a walk its scene. */
-void traverse_walk_begin(struct traverse_walk *walk, const struct scene *scene);
+static inline void traverse_walk_begin(struct traverse_walk *walk, const struct scene *scene)
+{
+    walk->state.identify = traverse_walk_identify;
+    walk->scene = scene;
+}
 
 /* Processes the records of a leaf that the ray reached. */
 typedef void (*traverse_leaf)(struct traverse_walk *walk, uint32_t first, uint32_t count);

@@ -75,8 +75,9 @@ static enum bvhd_status check_trace(const struct bvhd_cpu_scene *scene, const st
 {
     if (!scene || !trace)
         return ARGUMENTS_CHECK(error, {scene, "scene"}, {trace, "trace"});
-    enum bvhd_status status =
-        argument_check_size(trace, sizeof *trace, sizeof *trace, "trace", "bvhd_cpu_trace", error);
+    enum bvhd_status status = BVHD_OK;
+    if (trace->struct_size != sizeof *trace) /* seldom, so that most calls of one ray do without a call more */
+        status = argument_check_size(trace, sizeof *trace, sizeof *trace, "trace", "bvhd_cpu_trace", error);
     if (status != BVHD_OK)
         return status;
     if (trace->flags & ~(uint32_t)(BVHD_CPU_TRACE_ANY_HIT | BVHD_CPU_TRACE_FLIP_ORDER))
@@ -198,16 +199,15 @@ struct tracing {
     unsigned char *to;
     uint64_t index;
     size_t ray_stride, hit_stride;
-    uint32_t more_flags;
 };
 
 /* Reads a ray. Returns false if it is not sound. */
-static inline bool read_ray(const struct tracing *tracing, const unsigned char *from, struct ray *ret_ray)
+static inline bool read_ray(const struct bvhd_cpu_trace *trace, const unsigned char *from, struct ray *ret_ray)
 {
     memcpy(ret_ray, from, sizeof *ret_ray);
-    if (!flags_are_sound(ret_ray->flags) || !rest_is_sound(from, tracing->trace->ray_size))
+    if (!flags_are_sound(ret_ray->flags) || !rest_is_sound(from, trace->ray_size))
         return false;
-    ret_ray->flags |= tracing->more_flags;
+    ret_ray->flags |= trace->flags & BVHD_CPU_TRACE_ANY_HIT ? RAY_TERMINATE_ON_FIRST_HIT : 0;
     return true;
 }
 
@@ -227,22 +227,41 @@ static inline void advance(struct tracing *tracing, uint32_t count)
     tracing->index += count;
 }
 
+/* Traces a ray and writes its hit, or a miss. */
+static inline void trace_ray(const struct bvhd_cpu_scene *scene, const struct ray *ray,
+                             const struct traverse_options *options, unsigned char *to, size_t hit_size,
+                             struct traverse_counters *counters)
+{
+    struct ray_hit hit;
+    bool is_hit = scene->target == &cpu_portable
+                      ? traverse(&scene->walk.portable, ray, options, &hit, counters)
+                      : lavapipe_traverse(&scene->walk.lavapipe, ray, options, &hit, counters);
+    write_hit(to, is_hit ? &hit : &miss, hit_size);
+}
+
 /* Traces the next ray. Returns false if it is not sound. */
 static bool trace_one(const struct bvhd_cpu_scene *scene, struct tracing *tracing,
                       const struct traverse_options *options, struct traverse_counters *counters)
 {
     struct ray ray;
-    struct ray_hit hit;
     struct candidate_ray *asking = options->context;
-    if (!read_ray(tracing, tracing->from, &ray))
+    if (!read_ray(tracing->trace, tracing->from, &ray))
         return false;
     asking->at = tracing->from;
     asking->index = tracing->index;
-    bool is_hit = scene->target == &cpu_portable
-                      ? traverse(&scene->walk.portable, &ray, options, &hit, counters)
-                      : lavapipe_traverse(&scene->walk.lavapipe, &ray, options, &hit, counters);
-    write_hit(tracing->to, is_hit ? &hit : &miss, tracing->trace->hit_size);
+    trace_ray(scene, &ray, options, tracing->to, tracing->trace->hit_size, counters);
     advance(tracing, 1);
+    return true;
+}
+
+/* Traces the only ray of a call without options, for which preparing the call would cost as much as the ray. */
+static bool trace_single(const struct bvhd_cpu_scene *scene, const struct bvhd_cpu_trace *trace,
+                         struct traverse_counters *counters)
+{
+    struct ray ray;
+    if (!read_ray(trace, trace->rays, &ray))
+        return false;
+    trace_ray(scene, &ray, NULL, trace->hits, trace->hit_size, counters);
     return true;
 }
 
@@ -253,7 +272,7 @@ static bool trace_some(struct tracing *tracing, struct traverse_stream *stream)
     struct ray_hit hits[TRAVERSE_GROUP];
     const uint64_t left = tracing->trace->ray_count - tracing->index;
     uint32_t count = 0, wanted = left < TRAVERSE_GROUP ? (uint32_t)left : TRAVERSE_GROUP;
-    while (count < wanted && read_ray(tracing, tracing->from + count * tracing->ray_stride, &rays[count]))
+    while (count < wanted && read_ray(tracing->trace, tracing->from + count * tracing->ray_stride, &rays[count]))
         count++;
     if (count == 0)
         return false;
@@ -264,9 +283,13 @@ static bool trace_some(struct tracing *tracing, struct traverse_stream *stream)
     return count == wanted;
 }
 
-/* Traces all rays. Stops at one that is not sound, and returns its index; else ray_count. */
-static uint64_t trace_rays(const struct bvhd_cpu_scene *scene, const struct bvhd_cpu_trace *trace,
-                           struct traverse_counters *counters)
+/*
+ * Traces all rays. Stops at one that is not sound, and returns its index; else ray_count. It is not inlined, so that
+ * calls of one ray do not prepare its frame.
+ */
+__attribute__((noinline)) static uint64_t trace_all(const struct bvhd_cpu_scene *scene,
+                                                    const struct bvhd_cpu_trace *trace,
+                                                    struct traverse_counters *counters)
 {
     struct tracing tracing = {
         .trace = trace,
@@ -274,7 +297,6 @@ static uint64_t trace_rays(const struct bvhd_cpu_scene *scene, const struct bvhd
         .to = trace->hits,
         .ray_stride = trace->ray_stride ? trace->ray_stride : trace->ray_size,
         .hit_stride = trace->hit_stride ? trace->hit_stride : trace->hit_size,
-        .more_flags = trace->flags & BVHD_CPU_TRACE_ANY_HIT ? RAY_TERMINATE_ON_FIRST_HIT : 0,
     };
     struct candidate_ray asking = {.trace = trace};
     const struct traverse_options options = {
@@ -293,6 +315,25 @@ static uint64_t trace_rays(const struct bvhd_cpu_scene *scene, const struct bvhd
     return tracing.index;
 }
 
+static inline uint64_t trace_rays(const struct bvhd_cpu_scene *scene, const struct bvhd_cpu_trace *trace,
+                                  struct traverse_counters *counters)
+{
+    if (trace->ray_count == 1 && !trace->candidate && !(trace->flags & BVHD_CPU_TRACE_FLIP_ORDER))
+        return trace_single(scene, trace, counters);
+    return trace_all(scene, trace, counters);
+}
+
+/* Refuses the ray at which a call stopped. */
+__attribute__((cold)) static enum bvhd_status refuse_next(const struct bvhd_cpu_trace *trace, uint64_t traced,
+                                                          struct bvhd_error *error)
+{
+    const size_t stride = trace->ray_stride ? trace->ray_stride : trace->ray_size;
+    const unsigned char *at = (const unsigned char *)trace->rays + traced * stride;
+    struct ray ray;
+    memcpy(&ray, at, sizeof ray);
+    return refuse_ray(traced, ray.flags, at, error);
+}
+
 enum bvhd_status bvhd_cpu_scene_trace(const struct bvhd_cpu_scene *scene, const struct bvhd_cpu_trace *trace,
                                       struct bvhd_error *ret_error)
 {
@@ -307,11 +348,5 @@ enum bvhd_status bvhd_cpu_scene_trace(const struct bvhd_cpu_scene *scene, const 
         to->triangles += counters.triangles;
         to->instances += counters.instances;
     }
-    if (traced == trace->ray_count)
-        return BVHD_OK;
-    const size_t stride = trace->ray_stride ? trace->ray_stride : trace->ray_size;
-    const unsigned char *at = (const unsigned char *)trace->rays + traced * stride;
-    struct ray ray;
-    memcpy(&ray, at, sizeof ray);
-    return refuse_ray(traced, ray.flags, at, ret_error);
+    return traced == trace->ray_count ? BVHD_OK : refuse_next(trace, traced, ret_error);
 }
