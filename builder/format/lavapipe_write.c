@@ -312,6 +312,17 @@ static enum bvhd_status lavapipe_write(const struct layout_input *input, unsigne
     return status;
 }
 
+/* The later variant's padding is counted for both. */
+static uint64_t lavapipe_bound(const struct layout_counts *counts)
+{
+    const enum lavapipe_kind kind = counts->structure_type == STRUCTURE_TOP   ? LAVAPIPE_INSTANCE
+                                    : counts->geometry_type == GEOMETRY_AABBS ? LAVAPIPE_AABB
+                                                                              : LAVAPIPE_TRIANGLE;
+    const uint64_t boxes = counts->refs < 2 ? 1 : counts->refs - 1,
+                   nodes = BOX * boxes + lavapipe_leaf_size(kind) * counts->primitives;
+    return LAVAPIPE_HEADER + (nodes + BOX - 1) / BOX * BOX;
+}
+
 const struct layout layout_lavapipe = {
     .target = TARGET_LAVAPIPE,
     .name = "lavapipe",
@@ -321,5 +332,6 @@ const struct layout layout_lavapipe = {
     .depth_limit = LAVAPIPE_MAX_LEVELS + 1,
     .variants = LAVAPIPE_VARIANTS,
     .inflate_boxes = lavapipe_bounds_inflate,
+    .bound = lavapipe_bound,
     .write = lavapipe_write,
 };

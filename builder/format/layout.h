@@ -33,6 +33,14 @@ struct layout_input {
     struct build_output *output; /* provides the blob's bytes; NULL: the blob comes from `memory` */
 };
 
+/* The most of everything that a structure may have, from which a layout bounds its size. */
+struct layout_counts {
+    uint32_t structure_type, geometry_type; /* STRUCTURE_, GEOMETRY_; of no geometry any */
+    uint32_t geometry_count, layout_flags;
+    uint64_t primitives, refs, vertices;
+    uint64_t wide_nodes; /* of an 8-wide tree; a binary tree has refs - 1 inner nodes */
+};
+
 /* One layout: what kind of tree it needs, and how it writes a blob. */
 struct layout {
     enum target target;
@@ -51,6 +59,9 @@ struct layout {
      */
     bool (*inflate_boxes)(const struct canonical *canonical, const struct parallel *parallel, const atomic_bool *cancel,
                           struct ir *ir);
+
+    /* Returns the most bytes of a body with these counts, which never decreases when one of them grows. */
+    uint64_t (*bound)(const struct layout_counts *counts);
 
     /*
      * Writes the whole blob. *ret_blob comes from input->output, or from input->memory (64-byte aligned, freed by the

@@ -31,13 +31,19 @@ struct portable_writer {
     uint32_t *remap; /* for each vertex: its new number; NULL if all vertices are kept */
 };
 
-static enum portable_content content_of(const struct canonical *canonical, uint32_t layout_flags)
+static enum portable_content content_for(uint32_t structure_type, uint32_t geometry_type, uint32_t layout_flags)
 {
-    if (canonical->type == STRUCTURE_TOP)
+    if (structure_type == STRUCTURE_TOP)
         return PORTABLE_INSTANCES;
-    if (canonical->geometry_count > 0 && canonical->geometries[0].type == GEOMETRY_AABBS)
+    if (geometry_type == GEOMETRY_AABBS)
         return PORTABLE_AABBS;
     return layout_flags & PORTABLE_FAST_TRIANGLES ? PORTABLE_TRIANGLES : PORTABLE_INDEXED_TRIANGLES;
+}
+
+static enum portable_content content_of(const struct canonical *canonical, uint32_t layout_flags)
+{
+    uint32_t type = canonical->geometry_count > 0 ? canonical->geometries[0].type : GEOMETRY_TRIANGLES;
+    return content_for(canonical->type, type, layout_flags);
 }
 
 static void fill_bounds(const struct ir *ir, float ret_bounds[6])
@@ -450,6 +456,18 @@ static enum bvhd_status portable_write(const struct layout_input *input, unsigne
     return status;
 }
 
+/* The counts are below 2^32, except for vertices, which are below 2^31. */
+static uint64_t portable_bound(const struct layout_counts *counts)
+{
+    const enum portable_content content =
+        content_for(counts->structure_type, counts->geometry_type, counts->layout_flags);
+    const uint64_t vertices = content == PORTABLE_INDEXED_TRIANGLES ? counts->vertices * 12 : 0,
+                   geometries = content == PORTABLE_INSTANCES ? 0 : counts->geometry_count;
+    return sizeof(struct portable_header) + counts->wide_nodes * sizeof(struct portable_node) +
+           counts->refs * portable_record_size(content) + bytes_align(vertices, 16) +
+           geometries * sizeof(struct portable_geometry);
+}
+
 const struct layout layout_portable = {
     .target = TARGET_PORTABLE,
     .name = "portable",
@@ -458,5 +476,6 @@ const struct layout layout_portable = {
     .leaf_max = PORTABLE_LEAF_MAX,
     .depth_limit = PORTABLE_MAX_DEPTH,
     .flags = PORTABLE_FAST_TRIANGLES,
+    .bound = portable_bound,
     .write = portable_write,
 };

@@ -1,0 +1,84 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "builder/format/size_bound.h"
+
+#include <stdbool.h>
+
+#include "builder/format/layout.h"
+
+/*
+ * Spatial splits add at most two refs to five (spatial_capacity), and below so many refs quality fast makes one piece,
+ * all of whose wide nodes except a root over a single leaf have two children or more (method_piece_size).
+ */
+enum { ADDED_REFS = 2, TO_REFS = 5, ONE_PIECE = 4096 };
+
+static uint64_t max_of(uint64_t a, uint64_t b)
+{
+    return a > b ? a : b;
+}
+
+/*
+ * Spatial splits are made by quality high alone, of triangles whose duplicates do no harm (clip_allowed). A build may
+ * leave later geometries out, so that the first one decides.
+ */
+static bool may_split(const struct build_input *input)
+{
+    const struct geometry *first = input->geometries;
+    if (input->geometry_count == 0 || first->type != GEOMETRY_TRIANGLES)
+        return false;
+    bool once = (first->flags & GEOMETRY_NO_DUPLICATE_ANY_HIT) && !(first->flags & GEOMETRY_OPAQUE);
+    return !once && !(input->flags & (BUILD_LOW_MEMORY | BUILD_ALLOW_UPDATE));
+}
+
+static bool may_be(const struct build_input *input, enum build_quality quality)
+{
+    enum build_quality named = input->options.quality;
+    if (named == QUALITY_UNSPECIFIED && (input->flags & BUILD_PREFER_FAST_BUILD))
+        named = QUALITY_FAST;
+    else if (named == QUALITY_UNSPECIFIED && (input->flags & BUILD_PREFER_FAST_TRACE))
+        named = QUALITY_HIGH;
+    return named == quality || named == QUALITY_UNSPECIFIED || named == QUALITY_AUTO;
+}
+
+/* Returns how many vertices can be in use: no more than there are corners, or numbers. */
+static uint64_t vertices_of(const struct geometry *geometry)
+{
+    uint64_t corners = (uint64_t)3 * geometry->range.primitive_count,
+             numbers = (uint64_t)geometry->triangles.max_vertex + 1;
+    return geometry->triangles.index_type == INDEX_NONE || corners < numbers ? corners : numbers;
+}
+
+static struct layout_counts count(const struct build_input *input)
+{
+    struct layout_counts counts = {.structure_type = input->type,
+                                   .geometry_count = input->geometry_count,
+                                   .layout_flags = input->options.layout_flags};
+    for (uint32_t i = 0; i < input->geometry_count; i++) {
+        const struct geometry *geometry = &input->geometries[i];
+        counts.geometry_type = geometry->type;
+        counts.primitives += geometry->range.primitive_count;
+        counts.vertices += geometry->type == GEOMETRY_TRIANGLES ? vertices_of(geometry) : 0;
+    }
+    return counts;
+}
+
+/*
+ * A tree over n leaves whose nodes have two children or more has fewer than n nodes. Pieces of quality fast have a wide
+ * root each, which may have a single leaf: that makes n more at the most.
+ */
+uint64_t size_bound(const struct build_input *input)
+{
+    const struct layout *layout = layout_find(input->options.target);
+    struct layout_counts counts = count(input);
+    const uint64_t primitives = counts.primitives;
+    counts.refs = counts.wide_nodes = primitives;
+    uint64_t bound = layout->bound(&counts);
+    if (may_be(input, QUALITY_FAST) && primitives > ONE_PIECE) {
+        counts.wide_nodes = 2 * primitives;
+        bound = max_of(bound, layout->bound(&counts));
+    }
+    if (may_be(input, QUALITY_HIGH) && may_split(input)) {
+        counts.refs = counts.wide_nodes = primitives + primitives * ADDED_REFS / TO_REFS;
+        bound = max_of(bound, layout->bound(&counts));
+    }
+    return bound;
+}

@@ -1,0 +1,170 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* test_size_bound.c - tests that no structure is larger than its bound, and that bounds grow with every count. */
+#include "tests/support/unit.h"
+
+#include "builder/batch.h"
+#include "builder/format/serialized.h"
+#include "builder/format/size_bound.h"
+#include "tests/support/builder/random_input.h"
+#include "tests/support/builder/random_top.h"
+
+enum { CASES = 240, MOST_PRIMITIVES = 600, LARGE_CASES = 4, LARGE = 5000 };
+
+static struct memory memory = {.limit = UINT64_MAX, .fail_after = -1};
+static const struct build_context context = {.memory = &memory, .parallel = &parallel_serial};
+
+/* Builds for a target, and compares what a loader would create with the bound. Returns the size. */
+static uint64_t check_bound(struct build_input *input, uint64_t seed)
+{
+    struct limits limits = limits_default();
+    struct batch_item item;
+    struct bvhd_error error;
+    struct serialized_header header;
+    const uint64_t bound = size_bound(input);
+    assert_int_equal(batch_build(input, 1, &limits, &context, &item, &error), BVHD_OK);
+    if (item.status != BVHD_OK)
+        fail_msg("seed %llu: %s: %s", (unsigned long long)seed, item.error.where, item.error.text);
+    assert_int_equal(serialized_read((struct bytes){item.blob, item.size}, &header, &error), BVHD_OK);
+    if (header.deserialized_size > bound)
+        fail_msg("seed %llu, target %d, quality %d: %llu bytes, but the bound is %llu", (unsigned long long)seed,
+                 (int)input->options.target, (int)input->options.quality, (unsigned long long)header.deserialized_size,
+                 (unsigned long long)bound);
+    batch_finish(&item, 1, &memory);
+    return header.deserialized_size;
+}
+
+static void make_native(struct build_input *input, uint32_t variant)
+{
+    input->options.target = TARGET_LAVAPIPE;
+    input->options.layout_flags = 0;
+    input->options.device.variant = variant;
+}
+
+static void no_structure_is_larger(void **state)
+{
+    (void)state;
+    for (uint64_t seed = 1; seed <= CASES + LARGE_CASES; seed++) {
+        struct random random = {seed * UINT64_C(0x9e3779b97f4a7c15)};
+        struct random_input input;
+        random_input_bottom(&input, &random, seed > CASES ? LARGE : MOST_PRIMITIVES);
+        check_bound(&input.input, seed);
+        for (enum build_quality quality = QUALITY_FAST; quality <= QUALITY_HIGH; quality++) {
+            input.input.options.quality = quality;
+            check_bound(&input.input, seed);
+        }
+        make_native(&input.input, 1 + seed % 2);
+        check_bound(&input.input, seed);
+        random_input_finish(&input);
+    }
+    assert_int_equal(memory.live, 0);
+}
+
+static void no_top_level_is_larger(void **state)
+{
+    (void)state;
+    for (uint64_t seed = 1; seed <= CASES / 8; seed++) {
+        struct random random = {seed * UINT64_C(0x632be59bd9b4e019)};
+        struct random_top top;
+        random_top_init(&top, &random, 8);
+        check_bound(&top.input, seed);
+        make_native(&top.input, 1 + seed % 2);
+        check_bound(&top.input, seed);
+        random_top_finish(&top);
+    }
+}
+
+/* Returns a random request without memory. */
+static struct build_input random_shape(struct random *random, struct geometry geometries[3])
+{
+    static const uint32_t index_types[] = {INDEX_NONE, INDEX_UINT16, INDEX_UINT32};
+    struct build_input input = {.type = STRUCTURE_BOTTOM,
+                                .geometry_count = 1 + random_below(random, 3),
+                                .geometries = geometries,
+                                .options.target = TARGET_PORTABLE};
+    const uint32_t type = random_below(random, 4) ? GEOMETRY_TRIANGLES : GEOMETRY_AABBS;
+    random_input_options(&input, random);
+    for (uint32_t i = 0; i < 3; i++) {
+        geometries[i] = (struct geometry){.type = type, .flags = random_below(random, 4)};
+        geometries[i].range.primitive_count = random_below(random, 1u << random_below(random, 24));
+        if (type == GEOMETRY_TRIANGLES) {
+            geometries[i].triangles.index_type = index_types[random_below(random, 3)];
+            geometries[i].triangles.max_vertex = random_below(random, 1u << random_below(random, 24));
+        }
+    }
+    if (random_chance(random, 0.5))
+        make_native(&input, 1);
+    return input;
+}
+
+static void bounds_grow_with_counts(void **state)
+{
+    (void)state;
+    struct random random = {11};
+    for (int i = 0; i < 20000; i++) {
+        struct geometry geometries[3];
+        struct build_input input = random_shape(&random, geometries);
+        struct geometry *changed = &geometries[random_below(&random, input.geometry_count)];
+        const uint64_t before = size_bound(&input);
+        const uint32_t more = 1 + random_below(&random, 1u << random_below(&random, 16));
+        switch (random_below(&random, 3)) {
+        case 0:
+            changed->range.primitive_count += more;
+            break;
+        case 1:
+            input.geometry_count += input.geometry_count < 3;
+            break;
+        default:
+            if (changed->type == GEOMETRY_TRIANGLES)
+                changed->triangles.max_vertex += more;
+        }
+        assert_true(size_bound(&input) >= before);
+        assert_true(before >= 40);
+    }
+}
+
+/* A quality that is not named may be any of the three. */
+static void any_quality_is_covered(void **state)
+{
+    (void)state;
+    struct random random = {13};
+    for (int i = 0; i < 2000; i++) {
+        struct geometry geometries[3];
+        struct build_input input = random_shape(&random, geometries);
+        input.flags &= ~(uint32_t)(BUILD_PREFER_FAST_BUILD | BUILD_PREFER_FAST_TRACE);
+        input.options.quality = QUALITY_UNSPECIFIED;
+        const uint64_t any = size_bound(&input);
+        input.options.quality = QUALITY_AUTO;
+        assert_int_equal(size_bound(&input), any);
+        for (input.options.quality = QUALITY_FAST; input.options.quality <= QUALITY_HIGH; input.options.quality++)
+            assert_true(size_bound(&input) <= any);
+        uint64_t fast = (input.options.quality = QUALITY_FAST, size_bound(&input));
+        input.options.quality = QUALITY_UNSPECIFIED;
+        input.flags |= BUILD_PREFER_FAST_BUILD;
+        assert_int_equal(size_bound(&input), fast);
+    }
+}
+
+/* The largest request overflows nothing. */
+static void the_largest_request_has_a_bound(void **state)
+{
+    (void)state;
+    struct geometry geometry = {.type = GEOMETRY_TRIANGLES, .range.primitive_count = LIMIT_MAX_PRIMITIVES};
+    geometry.triangles.max_vertex = UINT32_MAX;
+    geometry.triangles.index_type = INDEX_UINT32;
+    struct build_input input = {
+        .type = STRUCTURE_BOTTOM, .geometry_count = 1, .geometries = &geometry, .options.target = TARGET_PORTABLE};
+    uint64_t bound = size_bound(&input);
+    assert_in_range(bound, LIMIT_MAX_PRIMITIVES * 100, LIMIT_MAX_PRIMITIVES * 400);
+    make_native(&input, 1);
+    assert_in_range(size_bound(&input), LIMIT_MAX_PRIMITIVES * 100, LIMIT_MAX_PRIMITIVES * 200);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(no_structure_is_larger),          cmocka_unit_test(no_top_level_is_larger),
+        cmocka_unit_test(bounds_grow_with_counts),         cmocka_unit_test(any_quality_is_covered),
+        cmocka_unit_test(the_largest_request_has_a_bound),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
