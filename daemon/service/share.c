@@ -20,13 +20,22 @@ void share_leave(struct share *share)
     share->parent = NULL;
 }
 
-uint64_t share_room(const struct share *share, enum share_kind kind)
+uint64_t share_left(const struct share *share, enum share_kind kind)
 {
     const struct share *parent = share->parent;
     if (!parent)
         return share->limit[kind];
     uint64_t whole = share_room(parent, kind), others = parent->used[kind] - share->used[kind];
-    uint64_t left = whole > others ? whole - others : 0, most = left - left / 4, part = whole / (parent->members + 1);
+    return whole > others ? whole - others : 0;
+}
+
+uint64_t share_room(const struct share *share, enum share_kind kind)
+{
+    const struct share *parent = share->parent;
+    uint64_t left = share_left(share, kind);
+    if (!parent)
+        return left;
+    uint64_t most = left - left / 4, part = share_room(parent, kind) / (parent->members + 1);
     return most > part ? most : part;
 }
 

@@ -40,6 +40,9 @@ void share_join(struct share *share, struct share *parent);
 /* Nothing may be used any more. Does nothing for a share that has not joined. */
 void share_leave(struct share *share);
 
+/* Returns what the share's siblings leave of their parent's room. */
+uint64_t share_left(const struct share *share, enum share_kind kind);
+
 /* Returns the most that the share may use now. */
 uint64_t share_room(const struct share *share, enum share_kind kind);
 

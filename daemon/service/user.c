@@ -91,14 +91,15 @@ bool user_fits(const struct user_member *member, enum share_kind kind, uint64_t 
 }
 
 /*
- * Small steps of a user start even while its large results are too far ahead, up to a half more: a connection that
- * reads what it gets is not stopped at once by others of its user that do not.
+ * Small steps of a user start even while its large results are too far ahead, until nothing is left: a connection that
+ * reads what it gets is not stopped at once by others of its user that do not. A newcomer does not get an equal part
+ * of results that others do not give back, since the sum of such parts has no limit. It always gets one result.
  */
 static void review_user(struct users *users, struct user *user)
 {
-    uint64_t used = user->share.used[SHARE_AHEAD], room = share_room(&user->share, SHARE_AHEAD);
-    memory_queue_hold_turns(users->preparing, ADMISSION_LARGE, &user->preparing, used > room);
-    memory_queue_hold_turns(users->preparing, ADMISSION_SMALL, &user->preparing, used > room + room / 2);
+    uint64_t used = user->share.used[SHARE_AHEAD], left = share_left(&user->share, SHARE_AHEAD);
+    memory_queue_hold_turns(users->preparing, ADMISSION_LARGE, &user->preparing, used > left - left / 4);
+    memory_queue_hold_turns(users->preparing, ADMISSION_SMALL, &user->preparing, used > left);
 }
 
 void user_review(struct user_member *member)

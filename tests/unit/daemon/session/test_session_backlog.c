@@ -192,6 +192,26 @@ static void test_users_that_read_nothing_leave_room_for_others(void **state)
         assert_false(clients[i]->failed);
 }
 
+static bool starts_more(const struct world_client *client)
+{
+    const struct user_member *member = &client->session->client.member;
+    return !memory_lanes_are_held(&member->preparing) && !member->user->preparing.nodes[ADMISSION_LARGE].held;
+}
+
+/* Users come one after the other, and none of them reads: together they get what there is, and one result each more. */
+static void test_users_that_read_nothing_stay_within_the_limit(void **state)
+{
+    (void)state;
+    enum { USERS = 9, EACH = ALL / 64 };
+    for (uint32_t i = 0; i < USERS; i++) {
+        struct world_client *client = world_join_as(&world, 10 + i);
+        assert_true(starts_more(client));
+        while (starts_more(client))
+            session_add_result(client->session, EACH);
+        assert_true(service_uses(world.service, SHARE_AHEAD) <= ALL + (i + 1) * EACH);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -201,6 +221,7 @@ int main(void)
         cmocka_unit_test_setup_teardown(test_nobody_starts_more_than_its_share, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_a_user_is_held_as_a_whole, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_users_that_read_nothing_leave_room_for_others, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(test_users_that_read_nothing_stay_within_the_limit, set_up, tear_down),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
