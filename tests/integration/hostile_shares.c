@@ -53,11 +53,7 @@ static void sleep_ms(long ms)
 
 static void connect_well(struct raw_client *client)
 {
-    if (!raw_connect(client, hostile.service.socket)) {
-        fputs("the daemon is gone\n", stderr);
-        exit(1);
-    }
-    raw_hello(client);
+    hostile_connect_as(&hostile, client, geteuid());
 }
 
 static double counter_mib(const char *name)
@@ -65,18 +61,11 @@ static double counter_mib(const char *name)
     return (double)hostile_counter(&hostile, name) / MIB;
 }
 
-/*
- * Requests `count` boxes with a payload of 120 bytes: with a stride of 0 all boxes are the same one. The payload
- * differs with the seed. `times` is the number of items, which are all the same.
- */
+/* Requests `count` boxes with a payload of 120 bytes, `times` times in one request. */
 static void ask_for_boxes(struct raw_client *client, uint32_t count, uint32_t seed, uint32_t times)
 {
-    unsigned char payload[ROWS_GEOMETRY_SIZE + 6 * sizeof(float)] = {0};
-    struct geometry_row row = {
-        .type = GEOMETRY_AABBS, .primitive_count = count, .data = {ROWS_GEOMETRY_SIZE, 6 * sizeof(float)}};
-    float box[6] = {0, 0, 0, 1, 1, 1 + (float)seed};
-    memcpy(payload, &row, sizeof row);
-    memcpy(payload + sizeof row, box, sizeof box);
+    unsigned char payload[RAW_BOXES_PAYLOAD];
+    raw_boxes_write(count, seed, payload);
     static struct control_item items[CONTROL_MAX_ITEMS];
     for (uint32_t i = 0; i < times; i++)
         items[i] = raw_item(0, sizeof payload, SOURCE_INLINE);

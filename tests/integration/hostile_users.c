@@ -36,32 +36,8 @@ static void sleep_ms(long ms)
 
 static void connect_as(struct raw_client *client, unsigned uid)
 {
-    bool connected = raw_can_be_others() ? raw_connect_as(client, hostile.service.socket, uid)
-                                         : raw_connect(client, hostile.service.socket);
-    if (!connected) {
-        fputs("the daemon is gone\n", stderr);
-        exit(1);
-    }
-    raw_hello(client);
+    hostile_connect_as(&hostile, client, uid);
 }
-
-/*
- * Requests `count` boxes, which are all the same one, of a payload of `size` bytes inside the frame. What is built
- * differs with the seed.
- */
-static void ask(struct raw_client *client, uint32_t count, uint32_t seed, uint64_t size)
-{
-    static unsigned char payload[FRAME_MAX_INLINE];
-    struct geometry_row row = {
-        .type = GEOMETRY_AABBS, .primitive_count = count, .data = {ROWS_GEOMETRY_SIZE, 6 * sizeof(float)}};
-    float box[6] = {0, 0, 0, 1, 1, 1 + (float)seed};
-    memcpy(payload, &row, sizeof row);
-    memcpy(payload + sizeof row, box, sizeof box);
-    struct control_item item = raw_item(0, size, SOURCE_INLINE);
-    raw_build(client, &item, 1, (struct bytes){payload, size}, NULL, NULL, 0);
-}
-
-enum { LEAST_PAYLOAD = ROWS_GEOMETRY_SIZE + 6 * sizeof(float) };
 
 /* Receives the next RESULT or BUSY. Returns the status, BVHD_BUSY for BUSY, BVHD_UNAVAILABLE for nothing. */
 static enum bvhd_status answer(struct raw_client *client, int timeout_ms)
@@ -89,7 +65,7 @@ static void serves_the_modest(const char *when, uint32_t seed)
     struct raw_client client;
     connect_as(&client, MODEST);
     double begin = hostile_now();
-    ask(&client, 100, seed, LEAST_PAYLOAD);
+    raw_build_boxes(&client, 100, seed, RAW_BOXES_PAYLOAD);
     enum bvhd_status status = answer(&client, PATIENCE_MS);
     double took = hostile_now() - begin;
     hostile_expect(status == BVHD_OK, "%s: another user gets %s", when, bvhd_status_name(status));
@@ -106,7 +82,7 @@ static void case_giants(void)
     for (uint32_t i = 0; i < CLIENTS; i++)
         connect_as(&clients[i], GREEDY + i);
     for (uint32_t k = 0; k < CLIENTS * EACH; k++)
-        ask(&clients[k % CLIENTS], BOXES, k, LEAST_PAYLOAD);
+        raw_build_boxes(&clients[k % CLIENTS], BOXES, k, RAW_BOXES_PAYLOAD);
     for (uint32_t k = 0; k < CLIENTS * EACH; k++) {
         enum bvhd_status status = answer(&clients[k % CLIENTS], PATIENCE_MS);
         hostile_expect(status == BVHD_OK, "build %u: %s", k, bvhd_status_name(status));
@@ -123,9 +99,9 @@ static void case_inline(void)
     for (int i = 0; i < CLIENTS; i++)
         connect_as(&clients[i], GREEDY);
     uint32_t seed = 0;
-    for (uint64_t size = FRAME_MAX_INLINE; size >= LEAST_PAYLOAD; size /= 4) /* smaller ones fill the gaps */
+    for (uint64_t size = FRAME_MAX_INLINE; size >= RAW_BOXES_PAYLOAD; size /= 4) /* smaller ones fill the gaps */
         for (uint32_t k = 0; k < CLIENTS * EACH; k++)
-            ask(&clients[k % CLIENTS], 250000, ++seed, size);
+            raw_build_boxes(&clients[k % CLIENTS], 250000, ++seed, size);
     for (uint32_t k = 0; k < 5; k++)
         serves_the_modest("payloads fill frames", k);
     for (int i = 0; i < CLIENTS; i++)
@@ -182,9 +158,9 @@ static void case_unread(void)
         connect_as(&clients[i], GREEDY);
     connect_as(&reader, MODEST);
     for (uint32_t k = 0; k < CLIENTS * EACH; k++)
-        ask(&clients[k % CLIENTS], BOXES, k, LEAST_PAYLOAD);
+        raw_build_boxes(&clients[k % CLIENTS], BOXES, k, RAW_BOXES_PAYLOAD);
     for (uint32_t k = 0; k < OWN; k++) {
-        ask(&reader, BOXES, 1000 + k, LEAST_PAYLOAD);
+        raw_build_boxes(&reader, BOXES, 1000 + k, RAW_BOXES_PAYLOAD);
         enum bvhd_status status = answer(&reader, PATIENCE_MS);
         hostile_expect(status == BVHD_OK, "who reads at once gets %s", bvhd_status_name(status));
     }
@@ -255,7 +231,7 @@ static void case_frames(void)
     uint64_t before = service_process_resident(&hostile.service);
     hostile_expect(!send_frames(clients, CLIENTS, frame, sizeof frame - 1), "the daemon has read all of the frames");
     serves_the_modest("frames are unfinished", 1);
-    ask(&same, 100, 2, LEAST_PAYLOAD);
+    raw_build_boxes(&same, 100, 2, RAW_BOXES_PAYLOAD);
     hostile_expect(answer(&same, PATIENCE_MS) == BVHD_OK, "a small frame of the same user waits for large ones");
     uint64_t after = service_process_resident(&hostile.service);
     double grown = after > before ? (double)(after - before) / MIB : 0;
@@ -292,16 +268,16 @@ static void case_shared(void)
     struct raw_client first, second;
     connect_as(&first, GREEDY);
     connect_as(&second, MODEST);
-    ask(&first, BOXES, 1, LEAST_PAYLOAD);
+    raw_build_boxes(&first, BOXES, 1, RAW_BOXES_PAYLOAD);
     results_before(&first, FRAME_PREPARED, 1);
     first.priority = PRIORITY_LOW;
-    ask(&first, BOXES, SHARED, LEAST_PAYLOAD);
+    raw_build_boxes(&first, BOXES, SHARED, RAW_BOXES_PAYLOAD);
     first.priority = PRIORITY_NORMAL;
     results_before(&first, FRAME_PREPARED, SHARED);
-    ask(&second, BOXES, SHARED, LEAST_PAYLOAD);
+    raw_build_boxes(&second, BOXES, SHARED, RAW_BOXES_PAYLOAD);
     results_before(&second, FRAME_PREPARED, 1);
     for (uint32_t k = 1; k <= URGENT; k++)
-        ask(&first, BOXES, SHARED + k, LEAST_PAYLOAD);
+        raw_build_boxes(&first, BOXES, SHARED + k, RAW_BOXES_PAYLOAD);
     uint32_t before = results_before(&first, FRAME_RESULT, SHARED);
     hostile_expect(before <= 1 + URGENT / 2, "%u structures of one user were built before what two users ask for",
                    before);
@@ -334,7 +310,7 @@ static void keep_busy(struct load *load, uint32_t count, uint32_t boxes)
     for (;;) {
         for (uint32_t i = 0; i < count && !atomic_load(&load->pauses); i++)
             if (!is_asking[i]) {
-                ask(&clients[i], boxes, ++seed % 4000000, LEAST_PAYLOAD);
+                raw_build_boxes(&clients[i], boxes, ++seed % 4000000, RAW_BOXES_PAYLOAD);
                 is_asking[i] = true;
                 atomic_fetch_add(&load->under_way, 1);
             }
@@ -371,7 +347,7 @@ static double block_p99(struct raw_client *client, uint32_t samples)
     double times[SAMPLES];
     for (uint32_t i = 0; i < samples; i++) {
         double begin = hostile_now();
-        ask(client, 1000, ++seed, LEAST_PAYLOAD);
+        raw_build_boxes(client, 1000, ++seed, RAW_BOXES_PAYLOAD);
         enum bvhd_status status = answer(client, PATIENCE_MS);
         times[i] = hostile_now() - begin;
         hostile_expect(status == BVHD_OK, "the other user gets %s", bvhd_status_name(status));
@@ -386,7 +362,7 @@ static void stall(struct raw_client *client, uint32_t seed)
 {
     connect_as(client, GREEDY + 2);
     for (uint32_t k = 0; k < 4; k++)
-        ask(client, 5000, 9000000 + 4 * seed + k, LEAST_PAYLOAD);
+        raw_build_boxes(client, 5000, 9000000 + 4 * seed + k, RAW_BOXES_PAYLOAD);
 }
 
 struct scale {

@@ -87,6 +87,16 @@ int hostile_end(struct hostile *hostile)
     return failures;
 }
 
+void hostile_connect_as(const struct hostile *hostile, struct raw_client *client, unsigned uid)
+{
+    const char *path = hostile->service.socket;
+    if (!(raw_can_be_others() ? raw_connect_as(client, path, uid) : raw_connect(client, path))) {
+        fputs("the daemon is gone\n", stderr);
+        exit(1);
+    }
+    raw_hello(client);
+}
+
 double hostile_serves(struct hostile *hostile, const char *when, double limit_ms)
 {
     static uint32_t seed = 1000000;

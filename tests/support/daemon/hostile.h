@@ -22,6 +22,12 @@ void hostile_begin(struct hostile *hostile, const char *program, const char *con
 /* Checks that the daemon is alive and exits cleanly. Returns the number of failures so far. */
 int hostile_end(struct hostile *hostile);
 
+/*
+ * Connects, and says HELLO: as that user if this process may connect as others (raw_can_be_others), else as its own.
+ * Ends the program when the daemon does not welcome it.
+ */
+void hostile_connect_as(const struct hostile *hostile, struct raw_client *client, unsigned uid);
+
 /* Prints the text and counts a failure unless `good`. */
 __attribute__((format(printf, 2, 3))) void hostile_expect(bool good, const char *format, ...);
 

@@ -323,6 +323,25 @@ uint64_t raw_build(struct raw_client *client, const struct control_item *items, 
     return sent ? client->last_request : 0;
 }
 
+void raw_boxes_write(uint32_t count, uint32_t seed, unsigned char payload[RAW_BOXES_PAYLOAD])
+{
+    struct geometry_row row = {
+        .type = GEOMETRY_AABBS, .primitive_count = count, .data = {ROWS_GEOMETRY_SIZE, 6 * sizeof(float)}};
+    const float box[6] = {0, 0, 0, 1, 1, 1 + (float)seed};
+    memcpy(payload, &row, sizeof row);
+    memcpy(payload + sizeof row, box, sizeof box);
+}
+
+uint64_t raw_build_boxes(struct raw_client *client, uint32_t count, uint32_t seed, uint64_t size)
+{
+    unsigned char *payload = allocate(size);
+    raw_boxes_write(count, seed, payload);
+    struct control_item item = raw_item(0, size, SOURCE_INLINE);
+    uint64_t number = raw_build(client, &item, 1, (struct bytes){payload, size}, NULL, NULL, 0);
+    free(payload);
+    return number;
+}
+
 int raw_memfd(const void *bytes, uint64_t size, unsigned seals)
 {
     int descriptor = memfd_create("raw", MFD_CLOEXEC | MFD_ALLOW_SEALING);
