@@ -53,6 +53,21 @@ BOXTEST_AVX2_INLINE bool avx2_walk_init(struct avx2_walk *walk, struct traverse_
     return true;
 }
 
+/* Does the same for a ray in any space, of which the state has the triangle_ray, too. */
+BOXTEST_AVX2_INLINE bool avx2_walk_init_object(struct avx2_walk *walk, struct traverse_state *state,
+                                               const struct portable_view *view, const struct unpacked_node *unpacked)
+{
+    walk->state = state;
+    walk->view = view;
+    walk->unpacked = avx2_walk_can_unpack(state) ? unpacked : NULL;
+    if (!boxtest_init_avx2(state->origin, state->direction, state->ray->tmin, view->header->bounds, &walk->boxes))
+        return false;
+    triangle_avx2_spread(&state->triangle_ray, &walk->triangles);
+    if (walk->unpacked)
+        walk->scales = unpacked_scales(&walk->boxes);
+    return true;
+}
+
 /* Walk an unpacked structure from a child on. */
 void avx2_walk_closest(struct avx2_walk *walk, uint32_t child);
 void avx2_walk_any(struct avx2_walk *walk, uint32_t node);

@@ -92,7 +92,7 @@ static void visit_bottom(struct traverse_walk *walk, uint32_t bottom, const stru
     visit_nodes(walk, is_aabbs ? visit_aabbs : visit_triangles);
 }
 
-static void visit_instance(struct traverse_walk *walk, uint32_t row)
+void traverse_walk_instance(struct traverse_walk *walk, uint32_t row)
 {
     const struct scene *scene = walk->scene;
     const struct portable_instance *record = (const struct portable_instance *)scene->top->records + row;
@@ -112,7 +112,7 @@ static void visit_instance(struct traverse_walk *walk, uint32_t row)
 static void visit_instances(struct traverse_walk *walk, uint32_t first, uint32_t count)
 {
     for (uint32_t i = 0; i < count && !walk->state.is_done; i++)
-        visit_instance(walk, first + (walk->state.options->flip_order ? count - 1 - i : i));
+        traverse_walk_instance(walk, first + (walk->state.options->flip_order ? count - 1 - i : i));
 }
 
 static void visit_scene(struct traverse_walk *walk)

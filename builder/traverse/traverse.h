@@ -32,6 +32,7 @@ struct scene {
     const uint32_t *rows; /* the row of bottoms for each handle of the top level; NULL: handle i is row i */
     /* The nodes of each of the bottoms that is unpacked (unpacked.h), else NULL; NULL: none is. */
     const struct unpacked_node *const *unpacked;
+    const struct unpacked_node *unpacked_top; /* the nodes of the top level, or NULL */
 };
 
 /* The any-hit decision about a candidate: whether it counts, and whether the ray ends. */

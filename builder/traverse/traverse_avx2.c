@@ -333,14 +333,8 @@ BOXTEST_AVX2 bool traverse_avx2_triangles(struct traverse_state *state, const st
                                           const struct unpacked_node *unpacked)
 {
     struct avx2_walk walk;
-    walk.state = state;
-    walk.view = view;
-    walk.unpacked = avx2_walk_can_unpack(state) ? unpacked : NULL;
-    if (!boxtest_init_avx2(state->origin, state->direction, state->ray->tmin, view->header->bounds, &walk.boxes))
+    if (!avx2_walk_init_object(&walk, state, view, unpacked))
         return false;
-    triangle_avx2_spread(&state->triangle_ray, &walk.triangles);
-    if (walk.unpacked)
-        walk.scales = unpacked_scales(&walk.boxes);
     find(&walk);
     return true;
 }

@@ -27,7 +27,7 @@ static void trace_packet(struct group *group, const uint8_t *indices, unsigned c
     const struct scene *scene = stream->scene;
     struct traverse_walk states[LANES];
     const struct ray *rays[LANES];
-    uint64_t visited = 0;
+    struct traverse_counters together = {0, 0, 0};
     for (unsigned lane = 0; lane < LANES; lane++) {
         rays[lane] = &group->rays[indices[lane < count ? lane : 0]];
         if (lane >= count)
@@ -35,12 +35,16 @@ static void trace_packet(struct group *group, const uint8_t *indices, unsigned c
         struct traverse_walk *walk = &states[lane];
         traverse_state_begin(&walk->state, rays[lane], stream->options);
         traverse_walk_begin(walk, scene);
+        walk->avx2 = true;
         traverse_state_settle_plain(&walk->state);
     }
-    uint32_t done = packet_avx2_trace(states, rays, (1u << count) - 1, scene->bottoms[0], scene->unpacked[0], &visited);
-    stream->visits_together += visited;
-    if (stream->counters)
-        stream->counters->nodes += visited;
+    uint32_t done = packet_avx2_trace(states, rays, (1u << count) - 1, scene, &together);
+    stream->visits_together += together.nodes;
+    if (stream->counters) {
+        stream->counters->nodes += together.nodes;
+        stream->counters->triangles += together.triangles;
+        stream->counters->instances += together.instances;
+    }
     for (unsigned lane = 0; lane < count; lane++) {
         unsigned index = indices[lane];
         if (!(done >> lane & 1)) {
@@ -53,9 +57,14 @@ static void trace_packet(struct group *group, const uint8_t *indices, unsigned c
     }
 }
 
-static bool is_plain(const struct ray *ray)
+/*
+ * Returns whether a ray may go in a packet. Which hit a ray for any hit finds depends on the order of visits, which is
+ * another one in top levels.
+ */
+static bool is_plain(const struct scene *scene, const struct ray *ray)
 {
-    return !(ray->flags & ~(uint32_t)RAY_TERMINATE_ON_FIRST_HIT) && ray->tmin >= 0 && ray->tmin <= ray->tmax;
+    const uint32_t others = scene->top ? UINT32_MAX : ~(uint32_t)RAY_TERMINATE_ON_FIRST_HIT;
+    return !(ray->flags & others) && ray->tmin >= 0 && ray->tmin <= ray->tmax;
 }
 
 /* Returns the kind of a plain ray: the signs of its direction, and whether it searches any hit. */
@@ -71,7 +80,9 @@ bool traverse_groups_pay(const struct traverse_stream *stream)
 {
     const struct scene *scene = stream->scene;
     const struct traverse_options *options = stream->options;
-    return !scene->top && scene->unpacked && scene->bottom_count > 0 && scene->unpacked[0] &&
+    const bool is_unpacked =
+        scene->unpacked && (scene->top ? scene->unpacked_top != NULL : scene->bottom_count > 0 && scene->unpacked[0]);
+    return is_unpacked &&
            (!options ||
             (!options->candidate && !options->flip_order && !options->baseline_only && !options->exact_only)) &&
            boxtest_has_avx2();
@@ -97,7 +108,7 @@ uint64_t traverse_group(struct traverse_stream *stream, const struct ray *rays, 
     uint8_t members[KINDS][TRAVERSE_GROUP], counts[KINDS] = {0};
     const bool is_possible = count >= PACKET_MIN && traverse_groups_pay(stream);
     for (uint32_t i = 0; i < count; i++) {
-        if (!is_possible || !is_plain(&rays[i])) {
+        if (!is_possible || !is_plain(stream->scene, &rays[i])) {
             trace_alone(&group, i);
             continue;
         }

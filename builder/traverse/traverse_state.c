@@ -20,24 +20,32 @@ static double dot(const double a[3], const double b[3])
  * The matrix is inverted in double (Cramer's rule), once per visit. The inverses that layouts store are rounded to
  * float, which is not precise enough: rays would not meet the same side of shared edges as the exact ray.
  */
-void traverse_state_to_object(struct traverse_state *state, const float object_to_world[12])
+void traverse_inverse_init(const float object_to_world[12], struct traverse_inverse *ret_inverse)
 {
-    const struct ray *ray = state->ray;
-    state->object_to_world = object_to_world;
-    double columns[3][3], offset[3], direction[3], rows[3][3];
-    for (int i = 0; i < 3; i++) {
+    double columns[3][3], (*rows)[3] = ret_inverse->rows;
+    for (int i = 0; i < 3; i++)
         for (int j = 0; j < 3; j++)
             columns[j][i] = object_to_world[4 * i + j];
-        offset[i] = (double)ray->origin[i] - object_to_world[4 * i + 3];
-        direction[i] = ray->direction[i];
-    }
     cross(columns[1], columns[2], rows[0]);
     cross(columns[2], columns[0], rows[1]);
     cross(columns[0], columns[1], rows[2]);
-    double scale = 1 / dot(columns[0], rows[0]);
+    ret_inverse->scale = 1 / dot(columns[0], rows[0]);
+}
+
+void traverse_state_to_object(struct traverse_state *state, const float object_to_world[12])
+{
+    const struct ray *ray = state->ray;
+    struct traverse_inverse inverse;
+    double offset[3], direction[3];
+    state->object_to_world = object_to_world;
+    traverse_inverse_init(object_to_world, &inverse);
     for (int i = 0; i < 3; i++) {
-        state->origin[i] = dot(rows[i], offset) * scale;
-        state->direction[i] = dot(rows[i], direction) * scale;
+        offset[i] = (double)ray->origin[i] - object_to_world[4 * i + 3];
+        direction[i] = ray->direction[i];
+    }
+    for (int i = 0; i < 3; i++) {
+        state->origin[i] = dot(inverse.rows[i], offset) * inverse.scale;
+        state->direction[i] = dot(inverse.rows[i], direction) * inverse.scale;
     }
 }
 

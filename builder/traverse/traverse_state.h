@@ -96,6 +96,13 @@ static inline bool traverse_state_start(struct traverse_state *state, const stru
     return is_possible;
 }
 
+/* The inverse of an instance's matrix in double, without the translation: rows times the scale. */
+struct traverse_inverse {
+    double rows[3][3], scale;
+};
+
+void traverse_inverse_init(const float object_to_world[12], struct traverse_inverse *ret_inverse);
+
 /* Puts the ray into the object space of an instance. */
 void traverse_state_to_object(struct traverse_state *state, const float object_to_world[12]);
 

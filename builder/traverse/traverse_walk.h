@@ -32,6 +32,9 @@ static inline void traverse_walk_begin(struct traverse_walk *walk, const struct 
     walk->scene = scene;
 }
 
+/* Traces a walk through the instance in a row of the top level's records. */
+void traverse_walk_instance(struct traverse_walk *walk, uint32_t row);
+
 /* Processes the records of a leaf that the ray reached. */
 typedef void (*traverse_leaf)(struct traverse_walk *walk, uint32_t first, uint32_t count);
 

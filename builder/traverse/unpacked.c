@@ -23,6 +23,14 @@ static void box_clear(float box[6])
     }
 }
 
+static void box_of_all(float box[6])
+{
+    for (int axis = 0; axis < 3; axis++) {
+        box[axis] = -INFINITY;
+        box[3 + axis] = INFINITY;
+    }
+}
+
 /* Extends a box by the box around a point, or around another box. */
 static void box_add(float box[6], const float min[3], const float max[3])
 {
@@ -82,7 +90,10 @@ static void fill_child(const struct portable_view *view, const struct portable_n
         const uint32_t count = (uint32_t)__builtin_popcount(from->meta[slot] >> 5),
                        first = from->first_record + (from->meta[slot] & 31);
         to->children[slot] = (count - 1) << CHILD_KIND_SHIFT | first;
-        box_of_records(view, first, count, box);
+        if (view->header->content <= PORTABLE_TRIANGLES)
+            box_of_records(view, first, count, box);
+        else
+            box_of_all(box);
     }
     for (int axis = 0; axis < 3; axis++) {
         float scale = scale_of(from->exponent[axis]), origin = from->origin[axis];

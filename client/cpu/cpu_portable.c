@@ -8,11 +8,11 @@
 #include "builder/traverse/boxtest.h"
 #include "client/library.h"
 
-/* Unpacks the nodes of triangles where the traversal uses them. */
+/* Unpacks the nodes of triangles and of instances where the traversal uses them. */
 static enum bvhd_status unpack(struct cpu_structure *structure, struct bvhd_error *error)
 {
     const struct portable_header *header = structure->view.portable.header;
-    if (header->content > PORTABLE_TRIANGLES || header->node_count == 0 || !boxtest_has_avx2())
+    if (header->content == PORTABLE_AABBS || header->node_count == 0 || !boxtest_has_avx2())
         return BVHD_OK;
     structure->unpacked = memory_array(&library_memory, header->node_count, sizeof *structure->unpacked);
     if (!structure->unpacked)
@@ -55,6 +55,7 @@ static bool make_walk(struct bvhd_cpu_scene *scene)
         .bottom_count = scene->bottom_count,
         .rows = scene->rows,
         .unpacked = scene->unpacked,
+        .unpacked_top = top ? top->unpacked : NULL,
     };
     return true;
 }

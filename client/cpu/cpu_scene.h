@@ -21,7 +21,7 @@ struct cpu_structure {
         struct portable_view portable;
         struct lavapipe_view lavapipe;
     } view; /* by target; empty if there is no blob */
-    struct unpacked_node *unpacked; /* the nodes of a portable bottom level of triangles, if the machine uses them */
+    struct unpacked_node *unpacked; /* the nodes of portable triangles or instances, if the machine uses them */
     bool is_shared; /* the view and the unpacked nodes belong to another structure with the same data */
 };
 

@@ -18,7 +18,8 @@ enum { TRIANGLES = 500, RAYS = TRAVERSE_GROUP * 24, KINDS_OF_RAYS = 6 };
 struct bed {
     struct test_scene scene;
     float (*corners)[3][3];
-    struct unpacked_node *nodes[TEST_SCENE_BOTTOMS];
+    float (*boxes)[6];
+    struct unpacked_node *nodes[TEST_SCENE_BOTTOMS], *top;
     struct scene unpacked;
 };
 
@@ -81,16 +82,25 @@ static void huge(struct random *random, uint32_t index, float ret_corners[3][3])
         ret_corners[k / 3][k % 3] *= 1e25f;
 }
 
+static struct unpacked_node *unpack(const struct portable_view *view)
+{
+    struct unpacked_node *nodes = calloc(view->header->node_count, sizeof *nodes);
+    assert_non_null(nodes);
+    unpacked_fill(view, nodes);
+    return nodes;
+}
+
 static void bed_unpack(struct bed *bed)
 {
-    for (uint32_t i = 0; i < bed->scene.scene.bottom_count; i++) {
-        const struct portable_view *view = bed->scene.bottoms[i];
-        bed->nodes[i] = calloc(view->header->node_count, sizeof *bed->nodes[i]);
-        assert_non_null(bed->nodes[i]);
-        unpacked_fill(view, bed->nodes[i]);
-    }
-    bed->unpacked = bed->scene.scene;
+    const struct scene *scene = &bed->scene.scene;
+    for (uint32_t i = 0; i < scene->bottom_count; i++)
+        if (bed->scene.bottoms[i]->header->content != PORTABLE_AABBS)
+            bed->nodes[i] = unpack(bed->scene.bottoms[i]);
+    if (scene->top)
+        bed->top = unpack(scene->top);
+    bed->unpacked = *scene;
     bed->unpacked.unpacked = (const struct unpacked_node *const *)bed->nodes;
+    bed->unpacked.unpacked_top = bed->top;
 }
 
 static void bed_open(struct bed *bed, shape_function shape, uint32_t flags, enum build_quality quality)
@@ -113,6 +123,8 @@ static void bed_close(struct bed *bed)
 {
     for (uint32_t i = 0; i < TEST_SCENE_BOTTOMS; i++)
         free(bed->nodes[i]);
+    free(bed->top);
+    free(bed->boxes);
     free(bed->corners);
     test_scene_finish(&bed->scene);
 }
@@ -226,24 +238,94 @@ static void rays_have_the_answers_of_single_rays(void **state)
         }
 }
 
-static void instances_have_the_answers_of_portable_nodes(void **state)
+/* Adds a bottom level of boxes at some of the triangles. */
+static void add_boxes(struct bed *bed)
 {
-    enum { INSTANCES = 12 };
-    static struct ray rays[RAYS];
-    struct test_instance instances[INSTANCES];
+    enum { BOXES = 20 };
+    bed->boxes = calloc(BOXES, sizeof *bed->boxes);
+    assert_non_null(bed->boxes);
+    for (uint32_t i = 0; i < BOXES; i++)
+        for (int axis = 0; axis < 3; axis++) {
+            const float at = bed->corners[i * (TRIANGLES / BOXES)][0][axis];
+            bed->boxes[i][axis] = at;
+            bed->boxes[i][3 + axis] = at + 0.2f;
+        }
+    const struct geometry geometry = test_scene_aabbs((const float(*)[6])bed->boxes, BOXES, 0);
+    test_scene_add(&bed->scene, &geometry, 1, 0);
+}
+
+/* Instances that are turned, scaled and sheared, and others that all share the place that the rays aim at. */
+static void make_instances(struct test_instance *instances, uint32_t count, double scale, double place)
+{
+    static const float in_place[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
     struct random random = {9};
-    struct bed bed;
-    (void)state;
-    bed_open(&bed, soup, 0, QUALITY_BALANCED);
-    for (uint32_t i = 0; i < INSTANCES; i++) {
-        instances[i] = (struct test_instance){.custom_index = i, .mask = 0xff, .flags = i % 4};
-        test_scene_transform(&random, 0.6, 8, instances[i].transform);
+    for (uint32_t i = 0; i < count; i++) {
+        instances[i] = (struct test_instance){.custom_index = i, .mask = 1u << i % 8, .flags = i % 12, .bottom = i % 3};
+        if (i % 3 == 1)
+            memcpy(instances[i].transform, in_place, sizeof in_place);
+        else
+            test_scene_transform(&random, scale, place, instances[i].transform);
     }
-    test_scene_add_top(&bed.scene, instances, INSTANCES);
-    bed_unpack(&bed);
-    make_rays(&bed, 0, rays);
-    assert_true(compare(&bed, rays, TRAVERSE_GROUP) > RAYS / 8);
-    bed_close(&bed);
+}
+
+/* Adds two bottom levels, one of them of boxes, and a top level over all three. */
+static void add_top(struct bed *bed, struct test_instance *instances, uint32_t count)
+{
+    const struct geometry half = test_scene_triangles((const float(*)[3][3])bed->corners, TRIANGLES / 2, 0);
+    test_scene_add(&bed->scene, &half, 1, 0);
+    add_boxes(bed);
+    make_instances(instances, count, 0.6, 8);
+    test_scene_add_top(&bed->scene, instances, count);
+}
+
+/* Gives rays masks: neighbours have the same one in most groups, and different ones in others. */
+static void mask_rays(struct ray rays[RAYS])
+{
+    for (uint32_t i = 0; i < RAYS; i++) {
+        const uint32_t group = i / TRAVERSE_GROUP;
+        rays[i].cull_mask = group % 3 == 0 ? 0xff : group % 3 == 1 ? ~(1u << group % 8) & 0xff : (i * 37 & 0xff) | 1;
+    }
+}
+
+static void instances_have_the_answers_of_single_rays(void **state)
+{
+    enum { INSTANCES = 40 };
+    static const shape_function shapes[] = {soup, grid, pile, far_away, huge};
+    static struct ray rays[RAYS];
+    static struct test_instance instances[INSTANCES];
+    (void)state;
+    for (size_t shape = 0; shape < sizeof shapes / sizeof *shapes; shape++)
+        for (uint32_t way = 0; way < 4; way++) {
+            struct bed bed;
+            bed_open(&bed, shapes[shape], way & 1 ? PORTABLE_FAST_TRIANGLES : 0, QUALITY_BALANCED);
+            add_top(&bed, instances, INSTANCES);
+            bed_unpack(&bed);
+            make_rays(&bed, way & 2 ? RAY_TERMINATE_ON_FIRST_HIT : 0, rays);
+            mask_rays(rays);
+            const int found = compare(&bed, rays, way == 1 ? 11 : TRAVERSE_GROUP);
+            assert_true(found > RAYS / 16 && found < RAYS);
+            bed_close(&bed);
+        }
+}
+
+/* A call can have any number of rays. */
+static void any_number_of_rays_has_the_answers_of_single_rays(void **state)
+{
+    enum { INSTANCES = 12, MOST = 40 };
+    static struct ray rays[RAYS];
+    static struct test_instance instances[INSTANCES];
+    (void)state;
+    for (int has_top = 0; has_top < 2; has_top++) {
+        struct bed bed;
+        bed_open(&bed, soup, 0, QUALITY_BALANCED);
+        if (has_top)
+            add_top(&bed, instances, INSTANCES);
+        bed_unpack(&bed);
+        make_rays(&bed, 0, rays);
+        for (uint32_t count = 1; count <= MOST; count++)
+            assert_true(compare(&bed, rays, count) > 0);
+        bed_close(&bed);
+    }
 }
 
 /* Every corner of a leaf's triangles lies in the boxes above it, if nothing was split. */
@@ -293,7 +375,8 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(rays_have_the_answers_of_single_rays),
-        cmocka_unit_test(instances_have_the_answers_of_portable_nodes),
+        cmocka_unit_test(instances_have_the_answers_of_single_rays),
+        cmocka_unit_test(any_number_of_rays_has_the_answers_of_single_rays),
         cmocka_unit_test(boxes_hold_their_triangles),
     };
     return cmocka_run_group_tests_name("traverse_group", tests, NULL, NULL);
