@@ -204,6 +204,14 @@ BOXTEST_AVX2_INLINE void prefetch_child(const struct packet *packet, uint32_t ch
 
 BOXTEST_AVX2 static void meet_instances(struct packet *packet, uint32_t child, uint32_t lanes);
 
+BOXTEST_AVX2_INLINE void meet(struct packet *packet, uint32_t child, uint32_t lanes, bool is_top)
+{
+    if (is_top)
+        meet_instances(packet, child, lanes);
+    else
+        meet_leaf(packet, child, lanes);
+}
+
 /*
  * Finds the closest hits: children nearest first, by the distance of the bundle. It is compiled once for each value of
  * is_top.
@@ -214,10 +222,7 @@ BOXTEST_AVX2_INLINE void find_closest(struct packet *packet, uint32_t lanes, boo
     uint32_t child = CHILD_ROOT;
     for (;;) {
         if (child < CHILD_ROOT) {
-            if (is_top)
-                meet_instances(packet, child, lanes);
-            else
-                meet_leaf(packet, child, lanes);
+            meet(packet, child, lanes, is_top);
         } else if (!is_top && __builtin_popcount(lanes) <= ALONE) {
             for (; lanes != 0; lanes &= lanes - 1) {
                 unsigned lane = (unsigned)__builtin_ctz(lanes);
@@ -255,9 +260,54 @@ BOXTEST_AVX2_INLINE void find_closest(struct packet *packet, uint32_t lanes, boo
     }
 }
 
-BOXTEST_AVX2 static void packet_closest(struct packet *packet, uint32_t lanes)
+/*
+ * Finds any hits in the order of avx2_walk_any() and traverse_avx2_any_instances(), which depends on the octant alone:
+ * so each ray finds the hit that it finds alone. It is compiled once for each value of is_top.
+ */
+BOXTEST_AVX2_INLINE void find_any(struct packet *packet, uint32_t root_lanes, bool is_top)
 {
-    find_closest(packet, lanes, false);
+    uint64_t stack[AVX2_STACK_SIZE], *top = stack;
+    *top++ = (uint64_t)root_lanes << 32;
+    while (top > stack) {
+        top--;
+        uint32_t lanes = (uint32_t)(*top >> 32) & packet->live, index = (uint32_t)*top;
+        if (!is_top && __builtin_popcount(lanes) <= ALONE) {
+            for (; lanes != 0; lanes &= lanes - 1) {
+                unsigned lane = (unsigned)__builtin_ctz(lanes);
+                avx2_walk_any(lane_walk(packet, lane), index);
+                lane_limit(packet, lane);
+            }
+            continue;
+        }
+        const struct unpacked_node *node = &packet->nodes[index];
+        uint32_t met[8], near[8];
+        unsigned slots = test_bundle(packet, node, near);
+        packet->counters.nodes += (unsigned)__builtin_popcount(lanes);
+        unsigned inner = 0;
+        for (; slots != 0; slots &= slots - 1) {
+            unsigned slot = (unsigned)__builtin_ctz(slots);
+            met[slot] = test_lanes(packet, node, slot) & lanes & packet->live;
+            if (met[slot] == 0)
+                continue;
+            if (node->children[slot] < CHILD_ROOT)
+                meet(packet, node->children[slot], met[slot], is_top);
+            else
+                inner |= 1u << slot;
+        }
+        for (unsigned i = 0; inner != 0 && i < 8; i++) {
+            unsigned slot = i ^ packet->backward;
+            if (inner >> slot & 1)
+                *top++ = (uint64_t)met[slot] << 32 | (node->children[slot] & CHILD_INDEX_MASK);
+        }
+    }
+}
+
+BOXTEST_AVX2 static void packet_walk(struct packet *packet, uint32_t lanes, bool is_any)
+{
+    if (is_any)
+        find_any(packet, lanes, false);
+    else
+        find_closest(packet, lanes, false);
 }
 
 /* Adds the work of a packet to counters. */
@@ -316,21 +366,25 @@ static void enter_instance(struct packet *packet, const struct traverse_instance
 BOXTEST_AVX2 static void meet_instance_together(struct packet *packet, const struct traverse_instance *instance,
                                                 uint32_t lanes)
 {
-    const struct scene *scene = packet->states[__builtin_ctz(lanes)].scene;
+    const struct traverse_walk *first = &packet->states[__builtin_ctz(lanes)];
+    const struct scene *scene = first->scene;
     const struct portable_instance *record = (const struct portable_instance *)scene->top->records + instance->record;
+    const bool is_any = first->state.ray->flags & RAY_TERMINATE_ON_FIRST_HIT;
     struct packet inner;
     packet_begin(&inner, packet->states, scene->bottoms[instance->bottom], scene->unpacked[instance->bottom]);
     packet_to_object(&inner, packet, record->object_to_world);
-    inner.live = packet_init(&inner, lanes);
-    meet_instance_alone(packet, instance->record, lanes & ~inner.live);
-    enter_instance(&inner, instance, inner.live);
-    for (uint32_t rest = inner.live, same; rest != 0; rest &= ~same) {
+    const uint32_t entered = packet_init(&inner, lanes);
+    inner.live = entered;
+    meet_instance_alone(packet, instance->record, lanes & ~entered);
+    enter_instance(&inner, instance, entered);
+    for (uint32_t rest = entered, same; rest != 0; rest &= ~same) {
         same = packet_octant(&inner, rest);
         packet_bundle(&inner, same);
         packet_triangles_init(&inner, same);
-        packet_closest(&inner, same);
+        packet_walk(&inner, same, is_any);
     }
-    packet->tmax = _mm256_blendv_ps(packet->tmax, inner.tmax, lane_mask(inner.live));
+    packet->tmax = _mm256_blendv_ps(packet->tmax, inner.tmax, lane_mask(entered));
+    packet->live &= ~(entered & ~inner.live);
     count(&inner, &packet->counters);
 }
 
@@ -354,61 +408,22 @@ BOXTEST_AVX2 static void meet_instance(struct packet *packet, uint32_t row, uint
 BOXTEST_AVX2 static void meet_instances(struct packet *packet, uint32_t child, uint32_t lanes)
 {
     const uint32_t first = child & CHILD_INDEX_MASK, count = (child >> CHILD_KIND_SHIFT) + 1;
-    for (uint32_t i = 0; i < count; i++)
+    for (uint32_t i = 0; i < count && lanes != 0; i++, lanes &= packet->live)
         meet_instance(packet, first + i, lanes);
 }
 
-BOXTEST_AVX2 static void packet_closest_top(struct packet *packet)
+BOXTEST_AVX2 static void packet_walk_top(struct packet *packet, uint32_t lanes, bool is_any)
 {
-    find_closest(packet, packet->live, true);
-}
-
-/*
- * Finds any hits in the order of avx2_walk_any(), which depends on the octant alone: so each ray finds the hit that it
- * finds alone.
- */
-BOXTEST_AVX2 static void packet_any(struct packet *packet)
-{
-    uint64_t stack[AVX2_STACK_SIZE], *top = stack;
-    *top++ = (uint64_t)packet->live << 32;
-    while (top > stack) {
-        top--;
-        uint32_t lanes = (uint32_t)(*top >> 32) & packet->live, index = (uint32_t)*top;
-        if (__builtin_popcount(lanes) <= ALONE) {
-            for (; lanes != 0; lanes &= lanes - 1) {
-                unsigned lane = (unsigned)__builtin_ctz(lanes);
-                avx2_walk_any(lane_walk(packet, lane), index);
-                lane_limit(packet, lane);
-            }
-            continue;
-        }
-        const struct unpacked_node *node = &packet->nodes[index];
-        uint32_t met[8], near[8];
-        unsigned slots = test_bundle(packet, node, near);
-        packet->counters.nodes += (unsigned)__builtin_popcount(lanes);
-        unsigned inner = 0;
-        for (; slots != 0; slots &= slots - 1) {
-            unsigned slot = (unsigned)__builtin_ctz(slots);
-            met[slot] = test_lanes(packet, node, slot) & lanes & packet->live;
-            if (met[slot] == 0)
-                continue;
-            if (node->children[slot] < CHILD_ROOT)
-                meet_leaf(packet, node->children[slot], met[slot]);
-            else
-                inner |= 1u << slot;
-        }
-        for (unsigned i = 0; inner != 0 && i < 8; i++) {
-            unsigned slot = i ^ packet->backward;
-            if (inner >> slot & 1)
-                *top++ = (uint64_t)met[slot] << 32 | (node->children[slot] & CHILD_INDEX_MASK);
-        }
-    }
+    if (is_any)
+        find_any(packet, lanes, true);
+    else
+        find_closest(packet, lanes, true);
 }
 
 BOXTEST_AVX2 uint32_t packet_avx2_trace(struct traverse_walk *states, const struct ray *const rays[LANES],
                                         uint32_t lanes, const struct scene *scene, struct traverse_counters *counters)
 {
-    const bool is_top = scene->top != NULL;
+    const bool is_top = scene->top != NULL, is_any = rays[0]->flags & RAY_TERMINATE_ON_FIRST_HIT;
     struct packet packet;
     packet_begin(&packet, states, is_top ? scene->top : scene->bottoms[0],
                  is_top ? scene->unpacked_top : scene->unpacked[0]);
@@ -420,13 +435,10 @@ BOXTEST_AVX2 uint32_t packet_avx2_trace(struct traverse_walk *states, const stru
     packet.tmax = _mm256_blendv_ps(_mm256_set1_ps(-1), packet.tmax, lane_mask(lanes));
     packet_bundle(&packet, lanes);
     if (is_top) {
-        packet_closest_top(&packet);
+        packet_walk_top(&packet, lanes, is_any);
     } else {
         packet_triangles_init(&packet, lanes);
-        if (rays[0]->flags & RAY_TERMINATE_ON_FIRST_HIT)
-            packet_any(&packet);
-        else
-            packet_closest(&packet, lanes);
+        packet_walk(&packet, lanes, is_any);
     }
     count(&packet, counters);
     return lanes;

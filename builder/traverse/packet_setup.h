@@ -9,6 +9,10 @@
  * the latter, and 8u of the distance are allowed for, which covers the roundings of these sums too. The test of the
  * bundle computes (p - origin) * inverse at the ends of the intervals of origins and reciprocals, between which the
  * products of all rays lie; its error is at most 3u of the distance.
+ *
+ * A ray in an instance's space is known in double. Its reciprocals are computed in double and rounded once, so that
+ * they are off by u, too. The rounding of its origins to float, times the reciprocals, is added to the slack, which
+ * also covers what the float origins change in the distances from which the rest of the slack is computed.
  */
 #ifndef BVHD_PACKET_SETUP_H
 #define BVHD_PACKET_SETUP_H

@@ -45,6 +45,14 @@ static bool init_avx2(const struct traverse_walk *walk, struct boxtest_ray *ret_
     return boxtest_init_avx2(walk->state.origin, walk->state.direction, ray->tmin, bounds, ret_ray);
 }
 
+/* Returns whether the ray may end at any hit below a top level, in the order that is the fastest. */
+static bool is_any_of_instances(const struct traverse_walk *walk)
+{
+    const struct traverse_options *options = walk->state.options;
+    return walk->view->header->content == PORTABLE_INSTANCES && !options->candidate && !options->flip_order &&
+           walk->state.ray->flags & RAY_TERMINATE_ON_FIRST_HIT;
+}
+
 /* Traverses walk->view with the ray in the state's origin and direction. */
 static void visit_nodes(struct traverse_walk *walk, traverse_leaf leaf)
 {
@@ -59,7 +67,10 @@ static void visit_nodes(struct traverse_walk *walk, traverse_leaf leaf)
         traverse_avx2_triangles(&walk->state, walk->view, walk->unpacked))
         return;
     if (walk->avx2 && init_avx2(walk, &ray)) {
-        traverse_loop_avx2(walk, &ray, leaf);
+        if (is_any_of_instances(walk))
+            traverse_avx2_any_instances(walk, &ray, leaf);
+        else
+            traverse_loop_avx2(walk, &ray, leaf);
     } else if (!walk->state.options->exact_only && boxtest_init(origin, direction, tmin, header->bounds, &ray)) {
         traverse_loop_float(walk, &ray, leaf);
     } else if (traverse_state_is_usable(&walk->state)) {

@@ -170,6 +170,28 @@ BOXTEST_AVX2 static void find_any(struct avx2_walk *walk)
     walk->state->counters.nodes += visited;
 }
 
+BOXTEST_AVX2 void traverse_avx2_any_instances(struct traverse_walk *walk, const struct boxtest_ray *ray,
+                                              traverse_leaf leaf)
+{
+    const struct portable_node *nodes = walk->view->nodes; /* a leaf changes the walk's view */
+    uint32_t stack[AVX2_STACK_SIZE], *top = stack;
+    float near[8];
+    *top++ = 0;
+    while (top > stack) {
+        const struct portable_node *node = &nodes[*--top];
+        const unsigned hits = kernel_avx2(ray, node, walk->state.tmax_above, near), inner = hits & node->inner_mask;
+        walk->state.counters.nodes++;
+        for (unsigned leaves = hits & ~inner; leaves != 0; leaves &= leaves - 1) {
+            const uint32_t meta = node->meta[__builtin_ctz(leaves)];
+            leaf(walk, node->first_record + (meta & 31), (uint32_t)__builtin_popcount(meta >> 5));
+            if (walk->state.is_done)
+                return;
+        }
+        if (inner != 0)
+            top = push_inner(node, inner, ray->backward, top);
+    }
+}
+
 BOXTEST_AVX2 void avx2_walk_any(struct avx2_walk *walk, uint32_t start)
 {
     const struct unpacked_node *nodes = walk->unpacked;
@@ -350,6 +372,11 @@ BOXTEST_AVX2 bool traverse_avx2_world(struct traverse_state *state, const struct
 }
 
 #else
+
+void traverse_avx2_any_instances(struct traverse_walk *walk, const struct boxtest_ray *ray, traverse_leaf leaf)
+{
+    traverse_loop_avx2(walk, ray, leaf);
+}
 
 bool traverse_avx2_triangles(struct traverse_state *state, const struct portable_view *view,
                              const struct unpacked_node *unpacked)

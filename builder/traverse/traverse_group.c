@@ -57,14 +57,9 @@ static void trace_packet(struct group *group, const uint8_t *indices, unsigned c
     }
 }
 
-/*
- * Returns whether a ray may go in a packet. Which hit a ray for any hit finds depends on the order of visits, which is
- * another one in top levels.
- */
-static bool is_plain(const struct scene *scene, const struct ray *ray)
+static bool is_plain(const struct ray *ray)
 {
-    const uint32_t others = scene->top ? UINT32_MAX : ~(uint32_t)RAY_TERMINATE_ON_FIRST_HIT;
-    return !(ray->flags & others) && ray->tmin >= 0 && ray->tmin <= ray->tmax;
+    return !(ray->flags & ~(uint32_t)RAY_TERMINATE_ON_FIRST_HIT) && ray->tmin >= 0 && ray->tmin <= ray->tmax;
 }
 
 /* Returns the kind of a plain ray: the signs of its direction, and whether it searches any hit. */
@@ -108,7 +103,7 @@ uint64_t traverse_group(struct traverse_stream *stream, const struct ray *rays, 
     uint8_t members[KINDS][TRAVERSE_GROUP], counts[KINDS] = {0};
     const bool is_possible = count >= PACKET_MIN && traverse_groups_pay(stream);
     for (uint32_t i = 0; i < count; i++) {
-        if (!is_possible || !is_plain(stream->scene, &rays[i])) {
+        if (!is_possible || !is_plain(&rays[i])) {
             trace_alone(&group, i);
             continue;
         }

@@ -53,6 +53,12 @@ bool traverse_avx2_triangles(struct traverse_state *state, const struct portable
 bool traverse_avx2_world(struct traverse_state *state, const struct portable_view *view,
                          const struct unpacked_node *unpacked);
 
+/*
+ * Finds any hit in a non-empty top level in world space with AVX2: the leaves of a node first, then its inner children
+ * farthest along the ray's octant, which is an order that packets can have, too.
+ */
+void traverse_avx2_any_instances(struct traverse_walk *walk, const struct boxtest_ray *ray, traverse_leaf leaf);
+
 /* Find the corners of a triangle record and return its id: for indexed triangles, for stored ones, for either. */
 static inline uint32_t traverse_corners_indexed(const struct portable_view *view, uint32_t record,
                                                 const float *ret_corners[3])

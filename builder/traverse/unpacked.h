@@ -5,8 +5,8 @@
  * takes 224 bytes a node, about 20 bytes a triangle.
  *
  * Structures of triangles and top levels are unpacked. A child's box is the box in the portable node, less what lies
- * outside all triangles below it, or outside the portable boxes of all instances below it. A hit lies in the boxes of the portable nodes above it, which portable.h guarantees, and in the
- * box around its triangle, so that no hit is lost.
+ * outside all triangles below it, or outside the portable boxes of all instances below it. A hit lies in the boxes of
+ * the portable nodes above it, which portable.h guarantees, and in the box around its triangle, so that no hit is lost.
  */
 #ifndef BVHD_UNPACKED_H
 #define BVHD_UNPACKED_H
@@ -34,7 +34,10 @@ _Static_assert(sizeof(struct unpacked_node) == 224, "a node has no gaps");
 /* A coordinate beyond all that the float box tests accept, which is still far from overflow when it is divided. */
 static const float unpacked_nowhere = 0x1p61f;
 
-/* Unpacks all nodes of a structure of triangles or of instances: header->node_count of them, in time in proportion to its size. */
+/*
+ * Unpacks all nodes of a structure of triangles or of instances: header->node_count of them, in time in proportion to
+ * its size.
+ */
 void unpacked_fill(const struct portable_view *view, struct unpacked_node *ret_nodes);
 
 #endif

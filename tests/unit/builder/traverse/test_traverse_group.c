@@ -315,13 +315,14 @@ static void any_number_of_rays_has_the_answers_of_single_rays(void **state)
     static struct ray rays[RAYS];
     static struct test_instance instances[INSTANCES];
     (void)state;
-    for (int has_top = 0; has_top < 2; has_top++) {
+    for (int way = 0; way < 4; way++) {
+        const bool has_top = way & 1;
         struct bed bed;
         bed_open(&bed, soup, 0, QUALITY_BALANCED);
         if (has_top)
             add_top(&bed, instances, INSTANCES);
         bed_unpack(&bed);
-        make_rays(&bed, 0, rays);
+        make_rays(&bed, way & 2 ? RAY_TERMINATE_ON_FIRST_HIT : 0, rays);
         for (uint32_t count = 1; count <= MOST; count++)
             assert_true(compare(&bed, rays, count) > 0);
         bed_close(&bed);
