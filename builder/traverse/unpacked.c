@@ -15,11 +15,12 @@ static float greater(float a, float b)
     return a > b ? a : b;
 }
 
-static void box_clear(float box[6])
+/* Makes a box empty: one of an empty slot, or one that is to be extended. */
+static void box_clear(float box[6], float nowhere)
 {
     for (int axis = 0; axis < 3; axis++) {
-        box[axis] = unpacked_nowhere;
-        box[3 + axis] = -unpacked_nowhere;
+        box[axis] = nowhere;
+        box[3 + axis] = -nowhere;
     }
 }
 
@@ -43,17 +44,19 @@ static void box_add(float box[6], const float min[3], const float max[3])
 /* Finds the box around the boxes of all children of a node. */
 static void box_of_node(const struct unpacked_node *node, float ret_box[6])
 {
-    box_clear(ret_box);
+    box_clear(ret_box, INFINITY);
     for (int axis = 0; axis < 3; axis++)
         for (int slot = 0; slot < 8; slot++) {
-            ret_box[axis] = lesser(node->planes[axis][slot], ret_box[axis]);
-            ret_box[3 + axis] = greater(node->planes[3 + axis][slot], ret_box[3 + axis]);
+            const float low = node->planes[axis][slot], high = node->planes[3 + axis][slot];
+            const bool is_empty = low > high; /* then the planes are not far enough away for huge coordinates */
+            ret_box[axis] = lesser(is_empty ? INFINITY : low, ret_box[axis]);
+            ret_box[3 + axis] = greater(is_empty ? -INFINITY : high, ret_box[3 + axis]);
         }
 }
 
 static void box_of_records(const struct portable_view *view, uint32_t first, uint32_t count, float ret_box[6])
 {
-    box_clear(ret_box);
+    box_clear(ret_box, INFINITY);
     for (uint32_t record = first; record < first + count; record++) {
         const float *corners[3];
         traverse_corners(view, record, corners);
@@ -82,7 +85,7 @@ static void fill_child(const struct portable_view *view, const struct portable_n
     float box[6];
     if (from->meta[slot] == 0) {
         to->children[slot] = 0;
-        box_clear(box);
+        box_clear(box, unpacked_nowhere);
     } else if (from->inner_mask >> slot & 1) {
         to->children[slot] = inner | (uint32_t)CHILD_NODE << CHILD_KIND_SHIFT;
         box_of_node(&nodes[inner], box);

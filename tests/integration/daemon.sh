@@ -123,6 +123,26 @@ expect 'it builds' quietly "$helper" build s 100
 expect 'what is no directory stays' has precious f
 kill -TERM "$daemon"
 ended 0 'no directory for results'
+# WELCOME names the builders that there are. Where Embree's library cannot be loaded, here because a file of its name is
+# found that is none, requests that name it are refused by name.
+embree=$(grep -ao 'libembree[0-9]*[.]so[.][0-9]*' "$bvhd" | head -n 1)
+if [ -n "$embree" ] && [ -n "$(ldconfig -p | grep -F "$embree ")" ]; then
+    start
+    expect 'both builders are asked' "$helper" builders s >out
+    expect "WELCOME names both: $(cat out)" has 'builders 3' out
+    expect "Embree builds: $(cat out)" has '^OK *$' out
+    kill -TERM "$daemon"
+    ended 0 'with Embree'
+fi
+mkdir -p absent
+: >"absent/${embree:-none}"
+LD_LIBRARY_PATH=$scratch/absent${LD_LIBRARY_PATH:+:$LD_LIBRARY_PATH} start
+expect 'Embree is asked for' "$helper" builders s >out
+expect "WELCOME names bvhd's own builder alone: $(cat out)" has 'builders 1' out
+expect "Embree is refused by name: $(cat out)" has 'UNSUPPORTED .*build.builder' out
+expect 'it builds by its own' quietly "$helper" build s 100
+kill -TERM "$daemon"
+ended 0 'without Embree'
 printf 'cache = d\n' >conf
 start --config conf
 expect 'it builds' quietly "$helper" build s 100

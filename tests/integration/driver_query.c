@@ -24,6 +24,7 @@
 #include "builder/build.h"
 #include "tests/support/driver/driver_judge.h"
 #include "tests/support/driver/driver_world.h"
+#include "tests/support/builder/builders.h"
 #include "tests/support/driver/gpu_bed.h"
 #include "builder/workers.h"
 
@@ -38,6 +39,7 @@ struct run {
     struct workers *workers;
     struct gpu *gpu;
     struct bvhd_format format;
+    uint64_t worlds; /* that were built */
     bool has_failed;
 };
 
@@ -104,6 +106,7 @@ static void run_world(struct run *run, const struct driver_world *world, enum bu
                                                  .driver_bottoms = world->driver_bottoms,
                                                  .top = &world->top,
                                                  .quality = quality,
+                                                 .builder = builders_turn(++run->worlds),
                                                  .parallel = workers_parallel(run->workers)};
     struct ray *rays = calloc(run->rays, sizeof *rays);
     driver_scene_init(&scene, &options);

@@ -17,6 +17,7 @@
 #include <string.h>
 
 #include "builder/batch.h"
+#include "tests/support/builder/builders.h"
 #include "tests/support/builder/random_top.h"
 #include "client/bvhctl/oracle/rays.h"
 #include "tests/support/shader/shader_candidates.h"
@@ -166,7 +167,9 @@ static void build_one(struct run *run, const struct build_input *input, struct b
     struct bvhd_error error = {0};
     struct limits limits = limits_default();
     struct build_context context = {.memory = &run->memory, .parallel = &parallel_serial};
-    if (batch_build(input, 1, &limits, &context, ret_item, &error) != BVHD_OK || ret_item->status != BVHD_OK ||
+    struct build_input told = *input;
+    told.options.builder = builders_turn(run->seed / 2);
+    if (batch_build(&told, 1, &limits, &context, ret_item, &error) != BVHD_OK || ret_item->status != BVHD_OK ||
         portable_open((struct bytes){ret_item->blob, ret_item->size}, &run->memory, ret_view, &error) != BVHD_OK) {
         fprintf(stderr, "shader_agreement 1 %llu: does not build\n", (unsigned long long)run->seed);
         exit(1);

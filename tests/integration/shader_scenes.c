@@ -22,6 +22,7 @@
 #include "client/bvhctl/service/local.h"
 #include "tests/bench/ply_input.h"
 #include "client/bvhctl/oracle/rays.h"
+#include "tests/support/builder/builders.h"
 #include "tests/support/shader/shader_judge.h"
 #include "client/bvhctl/scene/structures.h"
 
@@ -38,6 +39,7 @@ struct run {
     struct arguments options;
     struct local local;
     struct shader_bed *bed;
+    uint64_t scenes; /* that were built */
     bool has_failed;
 };
 
@@ -95,6 +97,7 @@ static void trace_mesh(struct run *run, const char *name, const struct ply *ply)
     const struct portable_view *bottoms[1] = {&view};
     struct scene scene = {.bottoms = bottoms, .bottom_count = 1};
     input.options.layout_flags = run->options.fast_triangles ? PORTABLE_FAST_TRIANGLES : 0;
+    input.options.builder = builders_turn(run->scenes++);
     must(batch_build(&input, 1, &limits, &context, &item, &error), &error);
     must(item.status, &item.error);
     must(portable_open((struct bytes){item.blob, item.size}, &run->local.memory, &view, &error), &error);

@@ -176,8 +176,11 @@ prepare()
 {
     others=$(apt-get install -s --no-install-recommends "$packages"/*.deb | sed -n 's/^Inst \([^ ]*\) .*/\1/p' |
         grep -v bvh)
+    recommended=$(dpkg-deb -f "$packages"/bvhd_*.deb Recommends | tr -d ' ' | tr '|' '\n' | while read -r name; do
+        apt-cache show "$name" >/dev/null 2>&1 && echo "$name" && break
+    done)
     # shellcheck disable=SC2086 # a list of words
-    apt install gcc libc6-dev pkg-config systemd $others >prepare.log 2>&1 || { tail prepare.log; exit 1; }
+    apt install gcc libc6-dev pkg-config systemd $recommended $others >prepare.log 2>&1 || { tail prepare.log; exit 1; }
     useradd -m member
     useradd -m stranger
     make_scene >/home/member/scene.obj
@@ -219,6 +222,17 @@ test_service()
     expect "the daemon has built: $built" [ "$built" -ge 1 ]
     expect_quietly 'the tool builds by itself' as member bvhctl --local build /home/member/scene.obj -o /home/member/own
     expect_quietly 'the same bytes' same_structures first own
+}
+
+# Embree is where the builders look for it. Packages of amd64 are built with it.
+test_embree()
+{
+    [ "$(dpkg --print-architecture)" = amd64 ] || return 0
+    expect_quietly 'the tool builds by Embree' \
+        as member bvhctl --local build /home/member/scene.obj -o /home/member/embree --builder embree
+    expect_quietly 'so does the service' as member bvhctl --socket "$socket" build /home/member/scene.obj \
+        -o /home/member/served --builder embree
+    expect_quietly 'the same bytes by Embree' same_structures embree served
 }
 
 test_library()
@@ -307,6 +321,7 @@ test_removal()
 prepare
 test_install
 test_service
+test_embree
 test_library
 test_upgrade
 test_removal

@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * builders.h - the builders that tests run over: bvhd's own, and Embree where it can be loaded. Some programs loop over
- * them; others run once more with BVHD_TEST_BUILDER=embree in their environment.
+ * them; others run once more with BVHD_TEST_BUILDER=embree in their environment; in those that trace on devices, the
+ * builders take turns.
  */
 #ifndef BVHD_TEST_BUILDERS_H
 #define BVHD_TEST_BUILDERS_H
@@ -16,33 +17,18 @@ static inline enum build_builder builders_last(void)
     return method_builders() & 1U << BUILDER_EMBREE ? BUILDER_EMBREE : BUILDER_OWN;
 }
 
-/*
- * Returns whether Embree may be made to fail. AddressSanitizer ends a C program in which a C++ library that was loaded
- * later throws, as Embree does when its memory is refused; what is thrown does not leave Embree.
- */
-static inline bool builders_may_fail(enum build_builder builder)
-{
-#if defined(__SANITIZE_ADDRESS__)
-    return builder == BUILDER_OWN;
-#elif defined(__has_feature)
-#if __has_feature(address_sanitizer)
-    return builder == BUILDER_OWN;
-#else
-    (void)builder;
-    return true;
-#endif
-#else
-    (void)builder;
-    return true;
-#endif
-}
-
 /* Returns the builder that the environment names, or bvhd's own; and that also where there is no Embree. */
 static inline enum build_builder builders_asked(void)
 {
     const char *name = getenv("BVHD_TEST_BUILDER");
     enum build_builder builder = BUILDER_OWN;
     return name && build_builder_from_name(name, &builder) && builder <= builders_last() ? builder : BUILDER_OWN;
+}
+
+/* Returns the builder of structure number `index` in tests that are too slow to run twice: they take turns. */
+static inline enum build_builder builders_turn(uint64_t index)
+{
+    return index % 2 ? builders_last() : BUILDER_OWN;
 }
 
 /* A loop over the builders, with `name` as the one of each round. */

@@ -5,7 +5,68 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "builder/piece/embree.h"
+#include "builder/rescale.h"
 #include "builder/wide/collapse.h"
+#include "tests/support/builder/builders.h"
+
+/* Lists the primitives that are in the tree. Returns their number. */
+static uint32_t collect(const struct test_model *model, struct primitive_ref *ret_refs, struct box *ret_bounds)
+{
+    uint32_t count = 0;
+    *ret_bounds = box_empty();
+    for (uint32_t i = 0; i < model->canonical.primitive_count; i++) {
+        const struct box *box = &model->boxes[i];
+        if (box_is_empty(box))
+            continue;
+        box_grow(ret_bounds, box);
+        ret_refs[count] = (struct primitive_ref){.id = i};
+        memcpy(ret_refs[count].min, box->min, sizeof box->min);
+        memcpy(ret_refs[count++].max, box->max, sizeof box->max);
+    }
+    return count;
+}
+
+static enum bvhd_status make_median_tree(const struct test_model *model, uint32_t leaf_max, struct memory *memory,
+                                         struct ir *ret_ir, struct bvhd_error *error)
+{
+    enum bvhd_status status = test_ir_make(model->boxes, model->canonical.primitive_count, leaf_max, memory, ret_ir);
+    return status == BVHD_OK ? BVHD_OK : bvhd_error_set(error, status, "ir", "test tree");
+}
+
+/* Embree gets no empty models, no large ones, and none that would be scaled before. */
+static enum bvhd_status make_embree_tree(const struct test_model *model, uint32_t leaf_max, struct memory *memory,
+                                         struct ir *ret_ir, struct bvhd_error *error)
+{
+    static struct primitive_ref refs[EMBREE_PIECE_MOST];
+    struct box bounds;
+    const uint32_t count = model->canonical.primitive_count <= EMBREE_PIECE_MOST ? collect(model, refs, &bounds) : 0;
+    if (count == 0 || rescale_is_needed(&bounds))
+        return make_median_tree(model, leaf_max, memory, ret_ir, error);
+    struct primitive_ref *scratch = memory_array(memory, count, sizeof *scratch);
+    enum bvhd_status status = scratch ? embree_open(error) : bvhd_error_no_memory(error, "ir", "test tree");
+    if (status == BVHD_OK) {
+        const struct embree_request request = {.quality = EMBREE_MEDIUM,
+                                               .canonical = &model->canonical,
+                                               .refs = refs,
+                                               .scratch = scratch,
+                                               .count = count,
+                                               .capacity = count,
+                                               .leaf_max = leaf_max};
+        status = embree_build(&request, memory, ret_ir, error);
+        embree_close();
+    }
+    memory_free(memory, scratch);
+    return status;
+}
+
+/* Makes a tree by median splits, which needs no builder, or by Embree where the environment names it. */
+static enum bvhd_status make_tree(const struct test_model *model, uint32_t leaf_max, struct memory *memory,
+                                  struct ir *ret_ir, struct bvhd_error *error)
+{
+    return builders_asked() == BUILDER_EMBREE ? make_embree_tree(model, leaf_max, memory, ret_ir, error)
+                                              : make_median_tree(model, leaf_max, memory, ret_ir, error);
+}
 
 enum bvhd_status test_blob_write(const struct test_model *model, uint32_t layout_flags, struct memory *memory,
                                  const struct parallel *parallel, unsigned char **ret_blob,
@@ -14,10 +75,9 @@ enum bvhd_status test_blob_write(const struct test_model *model, uint32_t layout
     const struct collapse_options options = {.leaf_max = layout_portable.leaf_max, .leaf_cost = 0.3f};
     struct ir ir;
     struct wide wide = {0};
-    enum bvhd_status status =
-        test_ir_make(model->boxes, model->canonical.primitive_count, layout_portable.leaf_max, memory, &ir);
+    enum bvhd_status status = make_tree(model, layout_portable.leaf_max, memory, &ir, error);
     if (status != BVHD_OK)
-        return bvhd_error_set(error, status, "ir", "test tree");
+        return status;
     status = collapse(&ir, &options, memory, parallel, &wide, error);
     if (status == BVHD_OK) {
         const struct layout_input input = {.canonical = &model->canonical,
@@ -75,9 +135,9 @@ enum bvhd_status test_blob_write_native(const struct test_model *model, enum lav
     const struct device_format device = {
         .driver_uuid = "driver", .compatibility_uuid = "compatibility", .variant = variant};
     struct ir ir;
-    enum bvhd_status status = test_ir_make(model->boxes, model->canonical.primitive_count, 1, memory, &ir);
+    enum bvhd_status status = make_tree(model, 1, memory, &ir, error);
     if (status != BVHD_OK)
-        return bvhd_error_set(error, status, "ir", "test tree");
+        return status;
     const struct layout_input input = {
         .canonical = &model->canonical, .ir = &ir, .device = &device, .memory = memory, .parallel = parallel};
     status = layout_lavapipe.write(&input, ret_blob, ret_sizes, error);

@@ -8,7 +8,10 @@
 #include "proto/base/parallel.h"
 #include "tests/support/builder/test_ir.h"
 
-/* Builds a tree over a model, collapses it and writes the portable layout; see layout->write. */
+/*
+ * Makes a tree over a model, by median splits or, where builders_asked() says so, by Embree; collapses it and writes
+ * the portable layout; see layout->write.
+ */
 enum bvhd_status test_blob_write(const struct test_model *model, uint32_t layout_flags, struct memory *memory,
                                  const struct parallel *parallel, unsigned char **ret_blob,
                                  struct layout_sizes *ret_sizes, struct bvhd_error *error);
@@ -17,7 +20,8 @@ enum bvhd_status test_blob_write(const struct test_model *model, uint32_t layout
 struct bytes test_blob_make(const struct test_shape *shape, uint64_t seed, uint32_t layout_flags);
 
 /*
- * Builds a tree over a model and writes the lavapipe layout, for a driver whose UUIDs are "driver" and "compatibility".
+ * Makes such a tree over a model and writes the lavapipe layout, for a driver whose UUIDs are "driver" and
+ * "compatibility".
  */
 enum bvhd_status test_blob_write_native(const struct test_model *model, enum lavapipe_variant variant,
                                         struct memory *memory, const struct parallel *parallel,

@@ -5,6 +5,7 @@
  *   daemon_helper ping SOCKET              sends HELLO and PING; the exit status is 0 when both are answered
  *   daemon_helper hold SOCKET              sends HELLO, then prints one line for each frame, and "closed" at the end
  *   daemon_helper build SOCKET TRIANGLES   the same with one build; ends after its result
+ *   daemon_helper builders SOCKET          prints WELCOME's builders, as bits, and the status of a build by Embree
  *   daemon_helper poke SOCKET              connects to a socket of any kind and sends a byte
  *   daemon_helper notify SOCKET SECONDS    receives a daemon's notifications and prints a line for each
  */
@@ -23,8 +24,8 @@ enum { LONG_MS = 60000 };
 
 static int usage(void)
 {
-    fprintf(stderr, "usage: daemon_helper ping SOCKET | hold SOCKET | build SOCKET TRIANGLES | poke SOCKET | notify "
-                    "SOCKET SECONDS\n");
+    fprintf(stderr, "usage: daemon_helper ping SOCKET | hold SOCKET | build SOCKET TRIANGLES | builders SOCKET | "
+                    "poke SOCKET | notify SOCKET SECONDS\n");
     return 2;
 }
 
@@ -67,16 +68,16 @@ static int ping(const char *path)
     return answered ? 0 : 1;
 }
 
-static bool send_build(struct raw_client *client, uint32_t triangles)
+static bool send_build(struct raw_client *client, uint32_t triangles, enum build_builder builder)
 {
     uint64_t size;
     unsigned char *payload = raw_payload(triangles, 1, &size);
     int memfd = raw_memfd(payload, size, F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_WRITE | F_SEAL_SEAL);
     struct control_item item = raw_item(0, size, SOURCE_MEMFD);
+    item.builder = builder;
     bool sent = raw_build(client, &item, 1, (struct bytes){NULL, 0}, &memfd, &size, 1) != 0;
     close(memfd);
     free(payload);
-    puts("sent");
     return sent;
 }
 
@@ -102,14 +103,32 @@ static int hold(const char *path, uint32_t triangles)
     bool closed = false, answered = false;
     if (!say_hello(&client, path))
         return 1;
-    if (triangles && !send_build(&client, triangles))
+    if (triangles && !send_build(&client, triangles, BUILDER_OWN))
         return 1;
+    if (triangles)
+        puts("sent");
     while (!answered && raw_receive(&client, LONG_MS, &frame, &closed))
         answered = tell_frame(&client, &frame);
     if (closed)
         puts("closed");
     raw_close(&client);
     return answered || closed ? 0 : 1;
+}
+
+static int builders(const char *path)
+{
+    struct raw_client client;
+    struct frame frame;
+    if (!say_hello(&client, path))
+        return 1;
+    printf("builders %u\n", client.builders);
+    if (!send_build(&client, 100, BUILDER_EMBREE) || !raw_await(&client, FRAME_RESULT, LONG_MS, &frame))
+        return 1;
+    struct control_result *result = raw_result(&client, &frame);
+    printf("%s %s\n", bvhd_status_name(result->error.status), result->error.where);
+    memory_free(&client.memory, result);
+    raw_close(&client);
+    return 0;
 }
 
 static int poke(const char *path)
@@ -173,6 +192,8 @@ int main(int argc, char **argv)
         return ping(argv[2]);
     if (argc == 3 && !strcmp(argv[1], "hold"))
         return hold(argv[2], 0);
+    if (argc == 3 && !strcmp(argv[1], "builders"))
+        return builders(argv[2]);
     if (argc == 3 && !strcmp(argv[1], "poke"))
         return poke(argv[2]);
     if (argc == 4 && !strcmp(argv[1], "build"))

@@ -248,9 +248,14 @@ bool raw_try_hello(struct raw_client *client)
     struct frame answer;
     if (control_pack_hello(&hello, &client->memory, &frame.control, NULL) != BVHD_OK)
         fail("hello");
-    bool welcome = raw_send_frame(client, &frame) && raw_await(client, FRAME_WELCOME, 10000, &answer);
+    struct control_welcome *welcome = NULL;
+    bool is_welcome = raw_send_frame(client, &frame) && raw_await(client, FRAME_WELCOME, 10000, &answer);
     memory_free(&client->memory, (void *)(uintptr_t)frame.control.data);
-    return welcome;
+    if (is_welcome && control_unpack_welcome(answer.control, &client->memory, &welcome, NULL) != BVHD_OK)
+        fail("welcome");
+    client->builders = is_welcome ? welcome->builders : 0;
+    memory_free(&client->memory, welcome);
+    return is_welcome;
 }
 
 void raw_hello(struct raw_client *client)

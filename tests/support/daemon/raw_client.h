@@ -20,6 +20,7 @@ struct raw_client {
     struct memory memory;
     struct frame_parser parser;
     uint64_t last_request;
+    uint32_t builders; /* that WELCOME named, as bits */
     int32_t priority; /* of the builds that raw_build asks for */
 };
 

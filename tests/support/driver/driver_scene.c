@@ -62,7 +62,8 @@ static void build_blob(struct driver_scene *scene, const struct driver_scene_opt
     struct bvhd_error error;
     struct build_options how = {.quality = options->quality,
                                 .target = (enum target)options->format->target,
-                                .device.variant = options->format->variant};
+                                .device.variant = options->format->variant,
+                                .builder = options->builder};
     struct build_context context = {.memory = &scene->memory, .parallel = options->parallel};
     struct build_stats stats;
     unsigned char *blob;

@@ -23,6 +23,7 @@ struct driver_scene_options {
     const struct canonical *driver_bottoms; /* built by the driver instead; NULL: the same */
     const struct canonical *top; /* the key of a reference begins with the number of its bottom level + 1, as u64 */
     enum build_quality quality;
+    enum build_builder builder;
     const struct parallel *parallel;
 };
 

@@ -3,6 +3,7 @@
 #include "tests/support/unit.h"
 
 #include "builder/batch.h"
+#include "tests/support/builder/builders.h"
 #include "tests/support/builder/inputs.h"
 #include "builder/format/portable.h"
 
@@ -35,6 +36,8 @@ static void fill(struct fixture *f)
     inputs_aabbs(&f->tests[5]);
     f->tests[5].input.flags = BUILD_ALLOW_UPDATE;
     inputs_aabbs(&f->tests[6]);
+    for (int i = 0; i < ITEMS; i++)
+        f->tests[i].input.options.builder = builders_asked();
     for (int i = 0; i < ITEMS; i++)
         f->inputs[i] = f->tests[i].input;
 }

@@ -277,8 +277,11 @@ static void a_variant_is_needed(void **state)
 static void bytes_do_not_depend_on_threads(void **state)
 {
     (void)state;
-    static const struct test_shape shape = {
-        .type = GEOMETRY_TRIANGLES, .geometries = 2, .primitives = 30000, .size = 10, .detail = 0.02};
+    const struct test_shape shape = {.type = GEOMETRY_TRIANGLES,
+                                     .geometries = 2,
+                                     .primitives = builders_asked() == BUILDER_OWN ? 30000 : 1500,
+                                     .size = 10,
+                                     .detail = 0.02};
     static const unsigned threads[] = {1, 2, 8};
     struct test_model model;
     struct memory memory;

@@ -465,13 +465,56 @@ static void test_no_memory(void **state)
     local_bed_stop(&bed);
 }
 
+static bool is_mapped(const char *name)
+{
+    char line[512];
+    bool found = false;
+    FILE *maps = fopen("/proc/self/maps", "r");
+    assert_non_null(maps);
+    while (fgets(line, sizeof line, maps))
+        found = found || strstr(line, name);
+    fclose(maps);
+    return found;
+}
+
+/* Embree is loaded for the first request that names it, and not before. It has to be the first test of this program. */
+static void test_embree(void **state)
+{
+    (void)state;
+    struct local_bed bed;
+    struct local_bed_build request;
+    struct bvhd_batch *batch;
+    for (uint32_t builder = BVHD_BUILDER_OWN; builder <= BVHD_BUILDER_EMBREE; builder++) {
+        local_bed_start(&bed, 0);
+        local_bed_describe(bed.meshes, 1, &request);
+        request.build.builder = (enum bvhd_builder)builder;
+        assert_int_equal(bvhd_batch_submit(bed.client, &request.build, &batch, NULL), BVHD_OK);
+        assert_int_equal(bvhd_batch_wait(batch, -1), BVHD_OK);
+        const struct bvhd_result *result = bvhd_batch_result(batch, 0);
+        assert_true(is_mapped("libbvhd_build"));
+        if (builder == BVHD_BUILDER_OWN) {
+            assert_int_equal(result->error.status, BVHD_OK);
+            assert_false(is_mapped("libembree"));
+        } else if (result->error.status == BVHD_OK) {
+            assert_string_equal(result->method, "embree-low");
+            assert_true(is_mapped("libembree"));
+        } else {
+            assert_int_equal(result->error.status, BVHD_UNSUPPORTED);
+            assert_string_equal(result->error.where, "build.builder");
+        }
+        bvhd_batch_destroy(batch);
+        local_bed_stop(&bed);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_result),     cmocka_unit_test(test_fetch),      cmocka_unit_test(test_order),
-        cmocka_unit_test(test_small_pool), cmocka_unit_test(test_cancel),     cmocka_unit_test(test_destroy),
-        cmocka_unit_test(test_joined),     cmocka_unit_test(test_event_loop), cmocka_unit_test(test_calls),
-        cmocka_unit_test(test_threads),    cmocka_unit_test(test_no_memory),  cmocka_unit_test(test_many_threads),
+        cmocka_unit_test(test_embree),       cmocka_unit_test(test_result),     cmocka_unit_test(test_fetch),
+        cmocka_unit_test(test_order),        cmocka_unit_test(test_small_pool), cmocka_unit_test(test_cancel),
+        cmocka_unit_test(test_destroy),      cmocka_unit_test(test_joined),     cmocka_unit_test(test_event_loop),
+        cmocka_unit_test(test_calls),        cmocka_unit_test(test_threads),    cmocka_unit_test(test_no_memory),
+        cmocka_unit_test(test_many_threads),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

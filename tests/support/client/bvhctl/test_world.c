@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "tests/support/client/bvhctl/test_world.h"
+#include "tests/support/builder/builders.h"
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -76,7 +77,7 @@ void test_world_init(struct test_world *world, uint32_t threads)
 }
 
 /* Builds and opens the import of a world whose options are set. */
-static void build(struct test_world *world, uint32_t threads, const struct import *import)
+static void build_world(struct test_world *world, uint32_t threads, const struct import *import)
 {
     struct bvhd_error error = {0};
     if (local_open(&world->local, threads, UINT64_MAX, &error) != BVHD_OK)
@@ -108,18 +109,19 @@ static void build(struct test_world *world, uint32_t threads, const struct impor
 void test_world_init_for(struct test_world *world, uint32_t threads, const struct bvhd_format *format)
 {
     struct import import;
-    *world =
-        (struct test_world){.options = {.build = {.target = format ? (enum target)format->target : TARGET_PORTABLE},
-                                        .format = format,
-                                        .geometry_flags = GEOMETRY_OPAQUE}};
+    *world = (struct test_world){.options = {.build = {.target = format ? (enum target)format->target : TARGET_PORTABLE,
+                                                       .builder = builders_asked()},
+                                             .format = format,
+                                             .geometry_flags = GEOMETRY_OPAQUE}};
     test_world_import(&import, NULL);
-    build(world, threads, &import);
+    build_world(world, threads, &import);
 }
 
 void test_world_init_from(struct test_world *world, uint32_t threads, const struct import *import)
 {
-    *world = (struct test_world){.options = {.build = {.target = TARGET_PORTABLE}, .geometry_flags = GEOMETRY_OPAQUE}};
-    build(world, threads, import);
+    *world = (struct test_world){.options = {.build = {.target = TARGET_PORTABLE, .builder = builders_asked()},
+                                             .geometry_flags = GEOMETRY_OPAQUE}};
+    build_world(world, threads, import);
 }
 
 void test_world_finish(struct test_world *world)

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "tests/support/client/vulkan/vulkan_bed.h"
+#include "tests/support/builder/builders.h"
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -21,7 +22,8 @@ static void build_row(struct vulkan_bed *bed, struct build_input *input, uint32_
     struct build_context context = {.memory = &bed->memory, .parallel = &parallel_serial};
     struct batch_item *item = &bed->items[row];
     input->geometry_count = 1;
-    input->options = (struct build_options){.target = bed->options.target, .device = bed->options.device};
+    input->options = (struct build_options){
+        .target = bed->options.target, .device = bed->options.device, .builder = builders_turn(row)};
     must(batch_build(input, 1, &limits, &context, item, &error) == BVHD_OK, "batch", &error);
     must(item->status == BVHD_OK, "build", &item->error);
     bed->blobs[row] = (struct bvhd_vulkan_bytes){item->blob, item->size};

@@ -13,6 +13,7 @@
 #include "client/bvhctl/gpu/gpu.h"
 #include "client/bvhctl/trace/device_ray.h"
 #include "client/vulkan/vulkan_tracer.h"
+#include "tests/support/builder/builders.h"
 #include "tests/support/random.h"
 
 enum {
@@ -103,6 +104,8 @@ static void make_rays(void)
     }
 }
 
+static uint32_t blobs_built;
+
 static void build_blob(uint32_t layout_flags, struct bytes *ret_blob)
 {
     struct bvhd_error error;
@@ -122,11 +125,13 @@ static void build_blob(uint32_t layout_flags, struct bytes *ret_blob)
                                             .vertices = {(const unsigned char *)positions, sizeof positions}},
                               .range = {.primitive_count = i ? TRIANGLES - FIRST_GEOMETRY : FIRST_GEOMETRY,
                                         .first_vertex = i ? 3 * FIRST_GEOMETRY : 0}};
-    struct build_input input = {
-        .type = STRUCTURE_BOTTOM,
-        .geometry_count = 2,
-        .geometries = geometries,
-        .options = {.quality = QUALITY_BALANCED, .target = TARGET_PORTABLE, .layout_flags = layout_flags}};
+    struct build_input input = {.type = STRUCTURE_BOTTOM,
+                                .geometry_count = 2,
+                                .geometries = geometries,
+                                .options = {.quality = QUALITY_BALANCED,
+                                            .target = TARGET_PORTABLE,
+                                            .layout_flags = layout_flags,
+                                            .builder = builders_turn(blobs_built++)}};
     assert_int_equal(prepare(&input, 0, &limits, &context, &canonical, &error), BVHD_OK);
     assert_int_equal(build(&canonical, &input.options, &context, &blob, &stats, &error), BVHD_OK);
     prepare_finish(&canonical, &memory);
