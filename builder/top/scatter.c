@@ -144,6 +144,9 @@ static enum bvhd_status find_planes(struct scatter *s)
     return has_room ? BVHD_OK : BVHD_NO_MEMORY;
 }
 
+/* Refs that go down the tree of planes together. */
+enum { LANES = 8 };
+
 static uint32_t piece_at(const struct scatter *s, vec4 at)
 {
     float centroid[4];
@@ -154,6 +157,28 @@ static uint32_t piece_at(const struct scatter *s, vec4 at)
         node = n->child + (centroid[n->axis] >= n->threshold);
     }
     return s->plan.nodes[node].piece;
+}
+
+/*
+ * Does what piece_at does, for LANES refs. Each step of a ref waits for the step before, but not for those of the other
+ * refs, so that the processor works on all of them at once.
+ */
+static void pieces_at(const struct scatter *s, const struct primitive_ref *refs, uint32_t ret_pieces[LANES])
+{
+    const struct scatter_node *nodes = s->plan.nodes;
+    float centroids[LANES][4];
+    uint32_t at[LANES] = {0};
+    for (uint32_t i = 0; i < LANES; i++) {
+        const vec4 centroid = centroid_of(&refs[i]);
+        memcpy(centroids[i], &centroid, sizeof centroids[i]);
+    }
+    for (uint32_t level = 0; level < s->plan.levels; level++)
+        for (uint32_t i = 0; i < LANES; i++) {
+            const struct scatter_node *n = &nodes[at[i]];
+            at[i] = n->child + (centroids[i][n->axis] >= n->threshold);
+        }
+    for (uint32_t i = 0; i < LANES; i++)
+        ret_pieces[i] = nodes[at[i]].piece;
 }
 
 static inline bool is_inside(const struct scatter_cell *cell, vec4 at)
@@ -170,40 +195,59 @@ static uint32_t *places_of(const struct scatter *s, size_t chunk)
  * STEP: refs of one loop. STEP_CHANGES: when fewer refs of a loop went to another piece than the ref before them, the
  * next loop expects neighbours to stay together.
  */
-enum { STEP = 256, STEP_CHANGES = STEP / 8 };
+enum { STEP = 256, STEP_CHANGES = STEP / 16 };
 
 /* The result of one loop: the piece of its last ref, and how many refs went to another piece than the ref before. */
 struct scatter_carry {
     uint32_t piece, changes;
 };
 
-/*
- * Assigns pieces to places [i, end). With `together` the piece of the ref before is tried first. Where neighbours in
- * the request mostly go to different pieces, that branch would be unpredictable, and going down the tree of planes,
- * with the same number of steps for every ref, is faster.
- */
-static inline __attribute__((always_inline)) struct scatter_carry assign_step(const struct scatter *s, size_t i,
-                                                                              size_t end, bool together, uint32_t piece,
-                                                                              uint32_t *counts)
+/* Notes the piece of the ref at place i, and counts the ref. */
+static inline void assign(const struct scatter *s, size_t i, uint32_t piece, uint32_t *counts)
+{
+    const uint32_t to = half_area_of(&s->request->refs[i]) < s->outsize ? piece : s->plan.piece_count;
+    s->pieces[i] = (uint16_t)to;
+    counts[to]++;
+}
+
+/* Assigns pieces to places [i, end) where neighbours stay together: the piece of the ref before is tried first. */
+static struct scatter_carry assign_together(const struct scatter *s, size_t i, size_t end, uint32_t piece,
+                                            uint32_t *counts)
 {
     const struct primitive_ref *refs = s->request->refs;
-    const struct scatter_cell *cells = s->plan.cells;
-    const float outsize = s->outsize;
-    const uint32_t apart = s->plan.piece_count;
-    uint16_t *pieces = s->pieces;
-    struct scatter_cell cell = cells[piece];
+    struct scatter_cell cell = s->plan.cells[piece];
     uint32_t changes = 0;
     for (; i < end; i++) {
         const vec4 at = centroid_of(&refs[i]);
-        if (!together || !is_inside(&cell, at)) {
-            const uint32_t own = piece_at(s, at);
-            changes += own != piece;
-            piece = own;
-            cell = cells[piece];
+        if (!is_inside(&cell, at)) {
+            piece = piece_at(s, at);
+            cell = s->plan.cells[piece];
+            changes++;
         }
-        const uint32_t to = half_area_of(&refs[i]) < outsize ? piece : apart;
-        pieces[i] = (uint16_t)to;
-        counts[to]++;
+        assign(s, i, piece, counts);
+    }
+    return (struct scatter_carry){piece, changes};
+}
+
+/*
+ * Assigns pieces to places [i, end) where neighbours mostly go to different pieces. Trying the piece of the ref before
+ * would be an unpredictable branch; going down the tree of planes takes the same number of steps for every ref.
+ */
+static struct scatter_carry assign_apart(const struct scatter *s, size_t i, size_t end, uint32_t piece,
+                                         uint32_t *counts)
+{
+    uint32_t own[LANES], changes = 0;
+    while (i < end) {
+        const uint32_t count = end - i < LANES ? 1 : LANES;
+        if (count == LANES)
+            pieces_at(s, &s->request->refs[i], own);
+        else
+            own[0] = piece_at(s, centroid_of(&s->request->refs[i]));
+        for (uint32_t k = 0; k < count; k++, i++) {
+            changes += own[k] != piece;
+            piece = own[k];
+            assign(s, i, piece, counts);
+        }
     }
     return (struct scatter_carry){piece, changes};
 }
@@ -221,9 +265,9 @@ static void assign_chunk(void *context, size_t index)
     for (chunk_range(s, index, &i, &end); i < end; i = stop) {
         stop = end - i < STEP ? end : i + STEP;
         if (step.changes < STEP_CHANGES)
-            step = assign_step(s, i, stop, true, step.piece, counts);
+            step = assign_together(s, i, stop, step.piece, counts);
         else
-            step = assign_step(s, i, stop, false, step.piece, counts);
+            step = assign_apart(s, i, stop, step.piece, counts);
     }
     memcpy(places_of(s, index), counts, (s->plan.piece_count + 1) * sizeof *counts);
 }
