@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * determinism.c - tests that the same request gives the same bytes: with 1, 2 and 8 threads, and written with other
- * strides, offsets and index widths.
+ * determinism.c - tests that the same request gives the same bytes: with 1, 2 and 8 threads, with the tasks of a build
+ * in the orders that 1 to 64 threads may give them, and written with other strides, offsets and index widths.
  *
  *     determinism [COUNT [SEED]]
  *     determinism --digest [COUNT [SEED]]
@@ -290,6 +290,63 @@ static const struct {
     {60, {.quality = QUALITY_HIGH, .target = TARGET_LAVAPIPE, .device = {.variant = LAVAPIPE_COMPACTED}}},
 };
 
+/* ---- every number of threads ---- */
+
+enum { MOST_THREADS = 64, PIECES_GRID = 72 }; /* 10,368 triangles: several pieces in each quality */
+
+/*
+ * Takes the place of a number of threads, because 64 real ones take minutes on a busy machine of two processors. The
+ * tasks run in an order that depends on the number of threads, and in which later tasks come before earlier ones.
+ */
+static void shuffled_for_each(const struct parallel *self, size_t count, parallel_task task, void *context)
+{
+    const size_t steps = self->threads < count ? self->threads : count;
+    for (size_t start = steps; start-- > 0;)
+        for (size_t i = start; i < count; i += steps)
+            task(context, i);
+}
+
+/* Builds the mesh as if with each number of threads, and compares with the expected result. */
+static void run_numbers(struct run *run, const struct build_input *input, const struct batch_item *expected)
+{
+    const struct limits limits = limits_default();
+    for (unsigned threads = 1; threads <= MOST_THREADS; threads++) {
+        const struct parallel parallel = {.threads = threads, .for_each = shuffled_for_each};
+        const struct build_context context = {.memory = &run->memory, .parallel = &parallel};
+        struct batch_item item;
+        struct bvhd_error error;
+        char what[64];
+        snprintf(what, sizeof what, "%s, %u threads", build_quality_name(input->options.quality), threads);
+        if (batch_build(input, 1, &limits, &context, &item, &error) != BVHD_OK) {
+            fail(run, what, error.text);
+            continue;
+        }
+        if (item.status != BVHD_OK || !items_equal(expected, &item))
+            fail(run, what, "other bytes than with 1 thread");
+        batch_finish(&item, 1, &run->memory);
+    }
+}
+
+static void run_all_numbers(struct run *run)
+{
+    struct mesh mesh = make_mesh(PIECES_GRID, PIECES_GRID);
+    struct geometry geometry = write_mesh(&mesh, &writings[0]);
+    for (enum build_quality quality = QUALITY_FAST; quality <= QUALITY_HIGH; quality++) {
+        const struct build_input input = {.type = STRUCTURE_BOTTOM,
+                                          .geometry_count = 1,
+                                          .geometries = &geometry,
+                                          .options = {.quality = quality, .target = TARGET_PORTABLE}};
+        struct batch_item expected;
+        if (!build_one(run, &input, 0, "a mesh of several pieces", &expected))
+            continue;
+        run_numbers(run, &input, &expected);
+        batch_finish(&expected, 1, &run->memory);
+    }
+    free((void *)(uintptr_t)geometry.triangles.vertices.data);
+    free((void *)(uintptr_t)geometry.triangles.indices.data);
+    free_mesh(&mesh);
+}
+
 /* ---- all cases ---- */
 
 static bool run_init(struct run *run)
@@ -329,6 +386,8 @@ int main(int argc, char **argv)
     }
     for (size_t i = 0; i < sizeof meshes / sizeof meshes[0]; i++)
         run_mesh(&run, meshes[i].side, &meshes[i].options);
+    if (!digest_only)
+        run_all_numbers(&run);
     run_finish(&run);
     if (digest_only)
         printf("%016llx\n", (unsigned long long)run.digest);
