@@ -61,6 +61,7 @@ daemon                      proto/base daemon/system daemon/pool daemon/service 
 client                      proto/base proto/wire builder/format builder/local
 client/cpu                  proto/base builder/format builder/traverse client
 client/shaders
+client/structure            proto/base builder/format client
 client/vulkan               proto/base builder/format client client/shaders
 client/examples             client
 client/bvhctl/kernels

@@ -95,6 +95,7 @@ cat >plain.c <<'END'
 #include <bvhd/bvhd.h>
 #include <bvhd/bvhd_cpu.h>
 #include <bvhd/bvhd_scene.h>
+#include <bvhd/bvhd_structure.h>
 #include <bvhd/bvhd_trace.h>
 #include <bvhd/bvhd_vulkan.h>
 int use(struct bvhd_client *client);

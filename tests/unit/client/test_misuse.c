@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * test_misuse.c - a table of wrong calls of bvhd.h, bvhd_scene.h and bvhd_cpu.h: the status of each, the place and the
- * text of its error. No wrong call crashes, or answers OK with something that cannot be used.
+ * test_misuse.c - a table of wrong calls of bvhd.h, bvhd_scene.h, bvhd_cpu.h and bvhd_structure.h: the status of each,
+ * the place and the text of its error. No wrong call crashes, or answers OK with something that cannot be used.
  */
 #include "tests/support/unit.h"
 
@@ -10,6 +10,7 @@
 
 #include <bvhd/bvhd_cpu.h>
 #include <bvhd/bvhd_scene.h>
+#include <bvhd/bvhd_structure.h>
 
 #include "client/library.h"
 
@@ -535,6 +536,27 @@ static void traversal(void)
     bvhd_batch_destroy(batch);
 }
 
+/* Other wrong calls of bvhd_structure.h break a rule of Vulkan: the tests of client/structure have those. */
+static void structures(void)
+{
+    struct bvhd_structure *structure = NULL;
+    struct bvhd_structure_state is;
+    struct bvhd_structure_properties properties = {.struct_size = 1};
+    struct bvhd_result result = {.error = {.status = BVHD_OK}};
+    CALL(bvhd_structure_create(NULL, &structure, &world.error), BVHD_INVALID, "info", "info is NULL");
+    CALL(bvhd_structure_sizes(NULL, NULL, &world.error), BVHD_INVALID, "query", "query is NULL");
+    CALL(bvhd_structure_hold(NULL, world.infos, world.ranges, &result, &world.error), BVHD_INVALID, "structure",
+         "structure is NULL");
+    CALL(bvhd_structure_copy(NULL, &world.error), BVHD_INVALID, "info", "info is NULL");
+    CALL(bvhd_structure_serialize(NULL, 0, &world.error), BVHD_INVALID, "info", "info is NULL");
+    CALL(bvhd_structure_deserialize(NULL, 0, NULL, &world.error), BVHD_INVALID, "info", "info is NULL");
+    CALL(bvhd_structure_query(NULL, &world.error), BVHD_INVALID, "properties", "properties is NULL");
+    CALL(bvhd_structure_query(&properties, &world.error), BVHD_INVALID, "properties.struct_size", "struct_size is 1");
+    CALL(bvhd_structure_compatibility(NULL, NULL, NULL, &world.error), BVHD_INVALID, "info", "info is NULL");
+    CALL(bvhd_structure_get(NULL, &is), BVHD_INVALID, NULL, "");
+    QUIET((bvhd_structure_destroy(NULL), bvhd_structure_handle(NULL) == VK_NULL_HANDLE));
+}
+
 static void test_misuses(void **state)
 {
     (void)state;
@@ -552,6 +574,7 @@ static void test_misuses(void **state)
     instances();
     scenes();
     traversal();
+    structures();
     bvhd_client_destroy(world.client);
     assert_int_equal(library_memory.live, live);
     assert_int_equal(failures, 0);

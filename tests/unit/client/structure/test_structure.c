@@ -1,0 +1,141 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* test_structure.c - tests creation and what objects hold: each rule by a wrong call, and what a right one gives. */
+#include "tests/support/unit.h"
+
+#include "tests/support/client/structure_bed.h"
+
+static struct structure_bed bed;
+
+static enum bvhd_status create(const VkAccelerationStructureCreateInfoKHR *info)
+{
+    struct bvhd_structure *structure = NULL;
+    enum bvhd_status status = bvhd_structure_create(info, &structure, &bed.error);
+    assert_int_equal(status == BVHD_OK, structure != NULL);
+    bvhd_structure_destroy(structure);
+    return status;
+}
+
+static void every_rule_of_creation_is_named(void **state)
+{
+    (void)state;
+    static const VkBaseInStructure stray = {.sType = VK_STRUCTURE_TYPE_APPLICATION_INFO};
+    VkBaseInStructure motion = {.sType = (VkStructureType)1000327001}, capture = {.sType = (VkStructureType)1000316005},
+                      second = {.sType = (VkStructureType)1000327001};
+    VkAccelerationStructureCreateInfoKHR info;
+#define CREATE "VUID-VkAccelerationStructureCreateInfoKHR-"
+#define RULE(change, rule, where)                                                                                      \
+    STRUCTURE_RULE(&bed, info = structure_bed_create_info(VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR, 1000);         \
+                   info.offset = 512; motion.pNext = NULL; info.pNext = &motion, change, create(&info), rule, where)
+    RULE(info.sType = 0, CREATE "sType-sType", "info.sType");
+    RULE(info.pNext = &stray, CREATE "pNext-pNext", "info.pNext");
+    RULE(motion.pNext = &second, CREATE "sType-unique", "info.pNext");
+    RULE(info.pNext = &capture, CREATE "pNext-08109", "info.pNext");
+    RULE(info.createFlags = 2, CREATE "createFlags-parameter", "info.createFlags");
+    RULE(info.createFlags = 0x80000000, CREATE "createFlags-parameter", "info.createFlags");
+    RULE(info.type = (VkAccelerationStructureTypeKHR)3, CREATE "type-parameter", "info.type");
+    RULE(info.type = (VkAccelerationStructureTypeKHR)1000623000, CREATE "type-11600", "info.type");
+    RULE(info.deviceAddress = 256, CREATE "deviceAddress-03612", "info.deviceAddress");
+    RULE(info.createFlags = 1; info.deviceAddress = 256, CREATE "createFlags-03613", "info.createFlags");
+    RULE(info.createFlags = 8; info.pNext = &capture, CREATE "createFlags-08108", "info.createFlags");
+    RULE(info.createFlags = 4; info.pNext = NULL, CREATE "flags-04954", "info.pNext");
+    RULE(info.offset = 128, CREATE "offset-03734", "info.offset");
+#undef RULE
+    info.offset = 0;
+    info.createFlags = 4; /* with the struct that it needs: valid, but motion is not there */
+    info.pNext = &motion;
+    assert_int_equal(create(&info), BVHD_UNSUPPORTED);
+    structure_bed_refused(&bed, "NULL", create(NULL), "VUID-vkCreateAccelerationStructureKHR-pCreateInfo-parameter",
+                          "info");
+    structure_bed_refused(&bed, "NULL", bvhd_structure_create(&info, NULL, &bed.error),
+                          "VUID-vkCreateAccelerationStructureKHR-pAccelerationStructure-parameter", "ret_structure");
+}
+
+/* An object that is new is empty; its handle stands for it alone. */
+static void new_objects_are_empty(void **state)
+{
+    (void)state;
+    struct bvhd_structure *first = structure_bed_create(VK_ACCELERATION_STRUCTURE_TYPE_GENERIC_KHR, 0),
+                          *second = structure_bed_create(VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR, UINT64_MAX);
+    struct bvhd_structure_state is;
+    assert_int_equal(bvhd_structure_get(second, &is), BVHD_OK);
+    assert_int_equal(is.created_type, VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR);
+    assert_true(is.created_size == UINT64_MAX);
+    assert_true(!is.is_built && !is.data && is.data_size == 0 && is.flags == 0);
+    assert_true(bvhd_structure_handle(first) != bvhd_structure_handle(second));
+    assert_true(bvhd_structure_handle(NULL) == VK_NULL_HANDLE);
+    bvhd_structure_destroy(first);
+    bvhd_structure_destroy(second);
+    bvhd_structure_destroy(NULL);
+}
+
+/* The size that the query gives is enough, and one byte less is not. */
+static void results_are_held_by_their_rules(void **state)
+{
+    (void)state;
+    structure_bed_start(&bed, BUILD_ALLOW_COMPACTION, TARGET_PORTABLE);
+    VkAccelerationStructureBuildSizesInfoKHR sizes = {
+        .sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_BUILD_SIZES_INFO_KHR};
+    const uint32_t count = STRUCTURE_TRIANGLES;
+    const struct bvhd_structure_sizes_query query = {.struct_size = sizeof query,
+                                                     .info = &bed.bottom.info,
+                                                     .max_primitive_counts = &count,
+                                                     .quality = BVHD_QUALITY_BALANCED};
+    assert_int_equal(bvhd_structure_sizes(&query, &sizes, &bed.error), BVHD_OK);
+    struct bvhd_structure *exact = structure_bed_create(VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR,
+                                                        sizes.accelerationStructureSize),
+                          *less = structure_bed_create(VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR,
+                                                       sizes.accelerationStructureSize - 1),
+                          *into;
+    struct structure_build *build;
+    struct bvhd_result result;
+    VkAccelerationStructureBuildGeometryInfoKHR info;
+#define CALL "VUID-vkBuildAccelerationStructuresKHR-"
+#define RULE(change, rule, where)                                                                                      \
+    STRUCTURE_RULE(&bed, into = exact; build = &bed.bottom; info = build->info;                                        \
+                   result = build->result, change,                                                                     \
+                   bvhd_structure_hold(into, &info, &build->range, &result, &bed.error), rule, where)
+    RULE(into = less, CALL "pInfos-10126", "info.dstAccelerationStructure");
+    RULE(into = bed.holds_top, CALL "pInfos-03700", "info.dstAccelerationStructure");
+    RULE(build = &bed.top; info = build->info;
+         result = build->result, CALL "pInfos-03699", "info.dstAccelerationStructure");
+    RULE(result = bed.top.result, "", "result");
+    RULE(info.flags = 0, "", "result");
+    RULE(result.blob = NULL, "", "result");
+#undef RULE
+    struct bvhd_structure_state is;
+    assert_int_equal(bvhd_structure_get(exact, &is), BVHD_OK);
+    assert_true(is.is_built && is.flags == BUILD_ALLOW_COMPACTION && is.target == BVHD_TARGET_PORTABLE);
+    assert_int_equal(is.type, VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR);
+    assert_ptr_equal(is.data, bed.bottom.result.data);
+    /* A GENERIC object holds either type, one after the other. */
+    assert_int_equal(
+        bvhd_structure_hold(bed.spare, &bed.bottom.info, &bed.bottom.range, &bed.bottom.result, &bed.error), BVHD_OK);
+    assert_int_equal(bvhd_structure_hold(bed.spare, &bed.top.info, &bed.top.range, &bed.top.result, &bed.error),
+                     BVHD_OK);
+    bvhd_structure_destroy(exact);
+    bvhd_structure_destroy(less);
+    structure_bed_stop(&bed);
+}
+
+/* An item that has failed says why here, too. */
+static void errors_of_results_are_passed_on(void **state)
+{
+    (void)state;
+    structure_bed_start(&bed, 0, TARGET_PORTABLE);
+    struct bvhd_result failed = {.error = {.status = BVHD_CANCELLED, .where = "deadline", .text = "too late"}};
+    assert_int_equal(bvhd_structure_hold(bed.spare, &bed.bottom.info, &bed.bottom.range, &failed, &bed.error),
+                     BVHD_CANCELLED);
+    assert_string_equal(bed.error.where, "deadline");
+    structure_bed_stop(&bed);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(every_rule_of_creation_is_named),
+        cmocka_unit_test(new_objects_are_empty),
+        cmocka_unit_test(results_are_held_by_their_rules),
+        cmocka_unit_test(errors_of_results_are_passed_on),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
