@@ -48,6 +48,7 @@ static struct build_input describe(const struct control_item *asked)
         .mode = asked->mode,
         .destination = asked->destination,
         .source = asked->source,
+        .source_key = asked->source_key,
         .options = {.quality = (enum build_quality)asked->quality,
                     .target = (enum target)asked->target,
                     .layout_flags = asked->layout_flags,

@@ -14,7 +14,7 @@ enum {
      * use of the pool.
      */
     INLINE_MAX = 16 * 1024,
-    ITEM_CONTROL = 128, /* upper bound of the bytes of a control message for one item */
+    ITEM_CONTROL = 160, /* upper bound of the bytes of a control message for one item */
     FRAME_ITEMS = 256, /* more items in one frame save nothing */
     FIRST_FRAME_BYTES = 128 << 10, /* small, so that the daemon can start while the rest is copied */
     LAST_FRAME_BYTES = 1 << 20,
@@ -189,6 +189,7 @@ struct control_item outgoing_describe(const struct build_input *input)
         .mode = input->mode,
         .destination = input->destination,
         .source = input->source,
+        .source_key = input->source_key,
         .quality = input->options.quality,
         .target = input->options.target,
         .layout_flags = input->options.layout_flags,

@@ -232,6 +232,7 @@ static struct build_input describe(const struct preparation *preparation)
         .mode = asked->mode,
         .destination = asked->destination,
         .source = asked->source,
+        .source_key = asked->source_key,
         .options = preparation->options,
     };
 }

@@ -99,7 +99,7 @@ struct geometry {
 
 /*
  * A structure that others may reference: the caller's knowledge of a BLAS under a TLAS. The enumeration leaves room for
- * the source of an update and for micromaps.
+ * micromaps.
  */
 enum reference_kind { REFERENCE_BLAS = 1 };
 
@@ -154,6 +154,7 @@ struct build_input {
     uint32_t mode; /* MODE_ */
     uint64_t destination; /* the caller's handle of the structure to build, 0 for none: only compared within a batch */
     uint64_t source; /* the same for the source of MODE_UPDATE */
+    struct key source_key; /* of MODE_UPDATE: the source's key, by which it is found; all 0: not given */
     uint32_t geometry_count;
     const struct geometry *geometries;
     uint32_t reference_count;

@@ -20,6 +20,13 @@ static inline int key_equal(const struct key *a, const struct key *b)
     return memcmp(a->bytes, b->bytes, KEY_SIZE) == 0;
 }
 
+/* No hash is 0, so a key whose bits are all 0 stands for none. */
+static inline int key_is_zero(const struct key *key)
+{
+    static const struct key zero;
+    return key_equal(key, &zero);
+}
+
 /* Writes lower-case hexadecimal digits and a NUL. */
 void key_to_text(const struct key *key, char ret_text[KEY_TEXT_SIZE]);
 

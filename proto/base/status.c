@@ -19,6 +19,7 @@ static const char *const names[BVHD_STATUS_COUNT] = {
     [BVHD_IO] = "IO",
     [BVHD_INTERNAL] = "INTERNAL",
     [BVHD_PENDING] = "PENDING",
+    [BVHD_SOURCE_LOST] = "SOURCE_LOST",
 };
 
 const char *bvhd_status_name(enum bvhd_status status)

@@ -47,6 +47,7 @@ enum bvhd_status control_pack_welcome(const struct control_welcome *welcome, str
     message.max_payload = welcome->max_payload;
     message.max_held = welcome->max_held;
     message.builders = welcome->builders;
+    message.updates = welcome->updates;
     return control_encode(&message.base, memory, ret_bytes, error);
 }
 
@@ -64,6 +65,7 @@ static void fill_welcome(const void *from, void *ret_plain)
     welcome->max_payload = message->max_payload;
     welcome->max_held = message->max_held;
     welcome->builders = message->builders;
+    welcome->updates = message->updates != 0;
 }
 
 static const struct control_kind welcome_kind = {"welcome", &bvhd__welcome__descriptor, sizeof(struct control_welcome),

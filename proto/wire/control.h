@@ -64,6 +64,7 @@ struct control_welcome {
     uint64_t max_payload; /* bytes in one item */
     uint64_t max_held; /* bytes of results in descriptors that a client which sends RELEASED should hold at most */
     uint32_t builders; /* bits 1 << BUILDER_ of what items may ask for; 0: an older daemon, with BUILDER_OWN alone */
+    bool updates; /* items may have MODE_UPDATE; false: an older daemon, which refuses them */
 };
 
 /* FRAME_POOL: offers the client's pool, which is the frame's descriptor. */
@@ -75,13 +76,13 @@ struct control_pool {
 enum control_source { SOURCE_INLINE = 0, SOURCE_POOL = 1, SOURCE_MEMFD = 2 };
 
 /*
- * One structure to build. Its fields are those of build_input (geometry.h) and rows_shape (rows.h); nothing is checked
- * yet.
+ * One structure to build or to update. Its fields are those of build_input (geometry.h) and rows_shape (rows.h);
+ * nothing is checked yet.
  */
 struct control_item {
     uint32_t type, flags, mode;
-    uint64_t destination, source;
     uint32_t quality, target, layout_flags;
+    uint64_t destination, source;
     uint32_t geometry_count, geometry_size;
     uint32_t reference_count, reference_size;
     uint32_t payload_source; /* SOURCE_ */
@@ -90,6 +91,7 @@ struct control_item {
     struct device_format device; /* for a native target */
     float rays_per_primitive;
     uint32_t builder; /* BUILDER_ */
+    struct key source_key; /* of an update; all 0: not given */
 };
 
 /*
@@ -145,6 +147,8 @@ struct control_summary {
     float bounds[6];
     uint32_t quality; /* QUALITY_: the quality that was built */
     float slabs[20]; /* slabs.h: minima, maxima */
+    double decay; /* of an update: the cost of tracing it over that of the last build; 0: a build */
+    uint32_t refits; /* updates since the last build */
 };
 
 /* FRAME_RESULT. The bytes come inline or in the frame's descriptor. */

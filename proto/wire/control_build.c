@@ -23,15 +23,21 @@ struct item_row {
     uint8_t driver_uuid[16], compatibility_uuid[16]; /* from here on missing in clients older than native targets */
     uint32_t variant;
     float rays_per_primitive; /* missing in clients older than this field */
-    uint32_t builder, reserved; /* left out of the rows of a request for which these are 0, for older daemons */
+    uint32_t builder, reserved; /* from here on left out of a request in which these are 0, for older daemons */
+    struct key source_key; /* left out of a request without updates, for the same reason */
 };
 
 enum {
     ITEM_ROW_SHORTEST = offsetof(struct item_row, driver_uuid),
-    ITEM_ROW_BUILDERLESS = offsetof(struct item_row, builder)
+    ITEM_ROW_BUILDERLESS = offsetof(struct item_row, builder),
+    ITEM_ROW_SOURCELESS = offsetof(struct item_row, source_key)
 };
 
-_Static_assert(ITEM_ROW_SHORTEST == 80 && ITEM_ROW_BUILDERLESS == 120 && sizeof(struct item_row) == 128, "wire format");
+_Static_assert(ITEM_ROW_SHORTEST == 80 && ITEM_ROW_BUILDERLESS == 120 && ITEM_ROW_SOURCELESS == 128 &&
+                   sizeof(struct item_row) == 160,
+               "wire format");
+_Static_assert(sizeof(struct control_item) <= 2 * ITEM_ROW_SHORTEST,
+               "the plain items of a message take at most twice its bytes (control.h)");
 
 static struct item_row item_to_row(const struct control_item *item)
 {
@@ -55,6 +61,7 @@ static struct item_row item_to_row(const struct control_item *item)
         .variant = item->device.variant,
         .rays_per_primitive = item->rays_per_primitive,
         .builder = item->builder,
+        .source_key = item->source_key,
     };
     memcpy(row.driver_uuid, item->device.driver_uuid, sizeof row.driver_uuid);
     memcpy(row.compatibility_uuid, item->device.compatibility_uuid, sizeof row.compatibility_uuid);
@@ -83,6 +90,7 @@ static struct control_item row_to_item(const struct item_row *row)
         .device = {.variant = row->variant},
         .rays_per_primitive = row->rays_per_primitive,
         .builder = row->builder,
+        .source_key = row->source_key,
     };
     memcpy(item.device.driver_uuid, row->driver_uuid, sizeof item.device.driver_uuid);
     memcpy(item.device.compatibility_uuid, row->compatibility_uuid, sizeof item.device.compatibility_uuid);
@@ -95,12 +103,17 @@ static enum bvhd_status too_many(const char *where, uint64_t count, uint64_t mos
                           (unsigned long long)most);
 }
 
+/* The rows of a request are as short as its items allow. */
 static uint32_t row_size(const struct control_build *build)
 {
-    for (uint32_t i = 0; i < build->item_count; i++)
-        if (build->items[i].builder != 0)
+    uint32_t size = build->item_count > 0 ? ITEM_ROW_BUILDERLESS : 0;
+    for (uint32_t i = 0; i < build->item_count; i++) {
+        if (!key_is_zero(&build->items[i].source_key))
             return sizeof(struct item_row);
-    return build->item_count > 0 ? ITEM_ROW_BUILDERLESS : 0;
+        if (build->items[i].builder != 0)
+            size = ITEM_ROW_SOURCELESS;
+    }
+    return size;
 }
 
 enum bvhd_status control_pack_build(const struct control_build *build, struct memory *memory, struct bytes *ret_bytes,
@@ -133,9 +146,13 @@ enum bvhd_status control_pack_build(const struct control_build *build, struct me
 
 static enum bvhd_status check_rest(const unsigned char *row, uint32_t size, uint32_t item, struct bvhd_error *error)
 {
-    for (uint32_t at = offsetof(struct item_row, reserved); at < size; at++)
-        if (row[at] != 0)
-            return bvhd_error_set(error, BVHD_UNSUPPORTED, place("infos[%u]", item).text, "fields of a newer version");
+    unsigned char unknown = 0;
+    for (uint32_t at = offsetof(struct item_row, reserved); at < size && at < ITEM_ROW_SOURCELESS; at++)
+        unknown |= row[at];
+    for (uint32_t at = sizeof(struct item_row); at < size; at++)
+        unknown |= row[at];
+    if (unknown != 0)
+        return bvhd_error_set(error, BVHD_UNSUPPORTED, place("infos[%u]", item).text, "fields of a newer version");
     return BVHD_OK;
 }
 

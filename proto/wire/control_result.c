@@ -55,6 +55,8 @@ static void put_summary(const struct control_summary *summary, Bvhd__Result *mes
     message->quality = summary->quality;
     message->sah = control_double_bits(summary->sah);
     message->first_build_ms = control_double_bits(summary->build_ms);
+    message->decay = control_double_bits(summary->decay);
+    message->refits = summary->refits;
     message->method = control_constant(summary->method);
     message->n_bounds = BOUNDS_COUNT;
     message->bounds = control_constant(summary->bounds);
@@ -77,6 +79,8 @@ static void take_summary(const Bvhd__Result *message, struct control_summary *su
     summary->quality = message->quality;
     summary->sah = control_bits_double(message->sah);
     summary->build_ms = control_bits_double(message->first_build_ms);
+    summary->decay = control_bits_double(message->decay);
+    summary->refits = message->refits;
     control_copy_text(message->method, sizeof summary->method, summary->method);
     if (message->n_bounds > 0)
         memcpy(summary->bounds, message->bounds, sizeof summary->bounds);

@@ -22,6 +22,7 @@ class Status(enum.IntEnum):
     IO = 11
     INTERNAL = 12
     PENDING = 13
+    SOURCE_LOST = 14
 
     @classmethod
     def _missing_(cls, value: object) -> Status:

@@ -30,6 +30,7 @@ enum bvhd_status {
     BVHD_IO = 11, /* the operating system refused; the text says what */
     BVHD_INTERNAL = 12, /* a defect of bvhd itself */
     BVHD_PENDING = 13, /* no failure: the result is not there yet */
+    BVHD_SOURCE_LOST = 14, /* what is to be updated is not there any more: build it again */
     BVHD_STATUS_COUNT
 };
 

@@ -39,24 +39,19 @@ static inline void messages_fill(struct messages *all)
 {
     memset(all, 0, sizeof *all);
     all->hello = (struct control_hello){1, 7, "libbvhd 0.1.0", 200, true};
-    all->welcome = (struct control_welcome){3,       "bvhd 0.1.0",       64,         4096,        1 << 20,
-                                            1 << 16, UINT64_C(64) << 20, UINT64_MAX, 12345678901, 3};
+    all->welcome = (struct control_welcome){3,          "bvhd 0.1.0", 64, 4096, 1 << 20, 1 << 16, UINT64_C(64) << 20,
+                                            UINT64_MAX, 12345678901,  3,  true};
     all->released.bytes = UINT64_MAX - 5;
     all->pool.size = UINT64_C(1) << 40;
     all->build =
         (struct control_build){PRIORITY_LOW, 3, {1, UINT64_MAX, 3}, MESSAGES_ITEMS, all->build_items, 4000000000};
     for (uint32_t i = 0; i < MESSAGES_ITEMS; i++) {
         uint32_t n = 100 * i;
-        all->build_items[i] = (struct control_item){n + 1,         n + 2,
-                                                    n + 3,         UINT64_MAX - n,
-                                                    n + 5,         n + 6,
-                                                    n + 7,         n + 8,
-                                                    n + 9,         n + 10,
-                                                    n + 11,        n + 12,
-                                                    n + 13,        UINT32_MAX - n,
-                                                    n + 15,        UINT64_MAX - 2 * n,
-                                                    {{0}, {0}, 0}, 0.25f * (float)n,
-                                                    n + 20};
+        all->build_items[i] = (struct control_item){
+            n + 1,  n + 2,  n + 3,  n + 6,  n + 7,          n + 8,  UINT64_MAX - n,     n + 5,         n + 9,
+            n + 10, n + 11, n + 12, n + 13, UINT32_MAX - n, n + 15, UINT64_MAX - 2 * n, {{0}, {0}, 0}, 0.25f * (float)n,
+            n + 20, {{0}}};
+        memset(&all->build_items[i].source_key, (int)n + 21, sizeof all->build_items[i].source_key);
         memset(all->build_items[i].device.driver_uuid, (int)n + 17, 16);
         memset(all->build_items[i].device.compatibility_uuid, (int)n + 18, 16);
         all->build_items[i].device.variant = UINT32_MAX - n - 19;
@@ -80,7 +75,8 @@ static inline void messages_fill(struct messages *all)
                                                    18,           TARGET_PORTABLE,
                                                    -0.0,         INFINITY,
                                                    "spatial",    {-0.0f, NAN, -INFINITY, 1, 2, 3},
-                                                   QUALITY_HIGH, {0}};
+                                                   QUALITY_HIGH, {0},
+                                                   -0.0,         21};
     for (int i = 0; i < 20; i++)
         all->result.summary.slabs[i] = (float)i - 7.5f;
     all->busy.retry_ms = 250;

@@ -26,6 +26,7 @@ static void names_are_those_of_the_enumerants(void **state)
         {BVHD_IO, 11, "IO"},
         {BVHD_INTERNAL, 12, "INTERNAL"},
         {BVHD_PENDING, 13, "PENDING"},
+        {BVHD_SOURCE_LOST, 14, "SOURCE_LOST"},
     };
     assert_int_equal(BVHD_STATUS_COUNT, sizeof expected / sizeof expected[0]);
     for (size_t i = 0; i < sizeof expected / sizeof expected[0]; i++) {

@@ -87,7 +87,8 @@ static void builds_come_back(void **state)
             assert_true(a->payload_source == b->payload_source && a->memfd == b->memfd);
             assert_true(a->payload_offset == b->payload_offset && a->payload_size == b->payload_size);
             assert_memory_equal(&a->device, &b->device, sizeof a->device);
-            assert_true(a->rays_per_primitive == b->rays_per_primitive);
+            assert_true(a->rays_per_primitive == b->rays_per_primitive && a->builder == b->builder);
+            assert_true(key_equal(&a->source_key, &b->source_key));
         }
         memory_free(&memory, back);
     }
@@ -155,6 +156,8 @@ static void results_come_back(void **state)
     assert_memory_equal(&back->build_ms, &all.result.build_ms, sizeof(double));
     assert_memory_equal(&back->summary, &all.result.summary, offsetof(struct control_summary, quality));
     assert_int_equal(back->summary.quality, QUALITY_HIGH);
+    assert_memory_equal(&back->summary.decay, &all.result.summary.decay, sizeof(double));
+    assert_int_equal(back->summary.refits, 21);
     memory_free(&memory, back);
     all.result.error = all.error;
     back = there_and_back("result", &all.result);
@@ -368,7 +371,13 @@ static void counts_and_sizes_are_checked(void **state)
     refuse("build", &writing, BVHD_OK, "");
     put_items(&writing, 128, 5 * 128, 7);
     refuse("build", &writing, BVHD_UNSUPPORTED, "infos[0]");
-    put_items(&writing, 129, 5 * 129, 0);
+    put_items(&writing, 160, 5 * 160, 0);
+    writing.bytes[writing.size - 32] = 1; /* of the source's key, which is known */
+    refuse("build", &writing, BVHD_OK, "");
+    put_items(&writing, 160, 5 * 160, 0);
+    writing.bytes[writing.size - 36] = 1; /* reserved */
+    refuse("build", &writing, BVHD_UNSUPPORTED, "infos[4]");
+    put_items(&writing, 161, 5 * 161, 0);
     writing.bytes[writing.size - 1] = 1;
     refuse("build", &writing, BVHD_UNSUPPORTED, "infos[4]");
     put_items(&writing, 128, 5 * 128, 0);
@@ -469,12 +478,12 @@ static void older_rows_lack_their_end(void **state)
 {
     (void)state;
     enum { ROWS = 3 };
-    unsigned char whole[124];
+    unsigned char whole[160];
     for (size_t i = 0; i < sizeof whole; i++)
-        whole[i] = (unsigned char)(i + 1);
-    for (uint32_t size = 80; size <= 160; size += 4) {
+        whole[i] = i >= 124 && i < 128 ? 0 : (unsigned char)(i + 1);
+    for (uint32_t size = 80; size <= 192; size += 4) {
         struct writing writing = {malloc(1000), 0};
-        uint32_t known = size < 124 ? size : 124;
+        uint32_t known = size < sizeof whole ? size : sizeof whole;
         put_items(&writing, size, (uint64_t)ROWS * size, 0);
         for (uint32_t row = 0; row < ROWS; row++)
             memcpy(writing.bytes + writing.size - (uint64_t)(row + 1) * size, whole, known);
@@ -488,7 +497,11 @@ static void older_rows_lack_their_end(void **state)
             if (known >= 120)
                 memcpy(&rays, whole + 116, sizeof rays);
             assert_true(build->items[row].rays_per_primitive == rays);
-            assert_int_equal(build->items[row].builder, known == 124 ? 0x7c7b7a79 : 0);
+            assert_int_equal(build->items[row].builder, known >= 124 ? 0x7c7b7a79 : 0);
+            struct key source = {{0}};
+            if (known > 128)
+                memcpy(&source, whole + 128, known - 128);
+            assert_true(key_equal(&build->items[row].source_key, &source));
             assert_int_equal(build->items[row].type, 0x04030201);
             assert_true(build->items[row].payload_size == UINT64_C(0x504f4e4d4c4b4a49));
         }

@@ -278,6 +278,12 @@ static void item_rows_are_the_table(void **state)
     assert_int_equal(bytes_get32(control.data + 6 + 120), 20);
     assert_int_equal(bytes_get32(control.data + 6 + 124), 0);
     memory_free(&memory, (void *)(uintptr_t)control.data);
+    memset(&item.source_key, 21, sizeof item.source_key);
+    assert_int_equal(control_pack_build(&build, &memory, &control, NULL), BVHD_OK);
+    assert_int_equal(control.size, 6 + 160);
+    field(128, 32, "source_key");
+    assert_memory_equal(control.data + 6 + 128, &item.source_key, sizeof item.source_key);
+    memory_free(&memory, (void *)(uintptr_t)control.data);
 }
 
 int main(void)
