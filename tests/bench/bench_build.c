@@ -15,13 +15,14 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
 #include "builder/build.h"
 #include "tests/bench/ply_input.h"
 #include "builder/input/prepare.h"
 #include "builder/input/primitive.h"
-#include "tests/bench/reference_builder.h"
+#include "tests/bench/bvhd_bench/embree_tree.h"
+#include "tests/bench/bvhd_bench/stopwatch.h"
+#include "tests/bench/bvhd_bench/sweep.h"
 #include "builder/workers.h"
 
 enum { MAX_RUNS = 101, VALUES = 14, MAX_SCENES = 64 };
@@ -66,13 +67,6 @@ struct bench {
     const struct parallel *parallel;
 };
 
-static double milliseconds(clockid_t clock)
-{
-    struct timespec now;
-    clock_gettime(clock, &now);
-    return (double)now.tv_sec * 1e3 + (double)now.tv_nsec * 1e-6;
-}
-
 static int by_value(const void *a, const void *b)
 {
     double x = *(const double *)a, y = *(const double *)b;
@@ -98,16 +92,16 @@ static void run_ours(struct bench *bench, const struct build_input *input, struc
     const struct build_context context = {.memory = &bench->memory, .parallel = bench->parallel};
     struct canonical canonical;
     unsigned char *blob;
-    double begin = milliseconds(CLOCK_MONOTONIC);
+    double begin = stopwatch_wall_ms();
     if (prepare(input, 0, &limits, &context, &canonical, &error) != BVHD_OK)
         fail(row->name, &error);
-    times[PREPARE] = milliseconds(CLOCK_MONOTONIC) - begin;
-    begin = milliseconds(CLOCK_MONOTONIC);
-    double cpu_begin = milliseconds(CLOCK_PROCESS_CPUTIME_ID);
+    times[PREPARE] = stopwatch_wall_ms() - begin;
+    begin = stopwatch_wall_ms();
+    double cpu_begin = stopwatch_cpu_ms();
     if (build(&canonical, &input->options, &context, &blob, &row->stats, &error) != BVHD_OK)
         fail(row->name, &error);
-    times[BUILD] = milliseconds(CLOCK_MONOTONIC) - begin;
-    times[BUILD_CPU] = milliseconds(CLOCK_PROCESS_CPUTIME_ID) - cpu_begin;
+    times[BUILD] = stopwatch_wall_ms() - begin;
+    times[BUILD_CPU] = stopwatch_cpu_ms() - cpu_begin;
     memory_free(&bench->memory, blob);
     prepare_finish(&canonical, &bench->memory);
     const struct build_times *ms = &row->stats.ms;
@@ -115,30 +109,54 @@ static void run_ours(struct bench *bench, const struct build_input *input, struc
     memcpy(times + BOXES, stages, sizeof stages);
 }
 
-static void run_references(struct bench *bench, const struct build_input *input, struct row *row, double times[VALUES])
+/* Calls rtcBuildBVH with one of bvhd-bench's methods. */
+static struct embree_tree_result run_embree(const char *method, const struct ply *ply,
+                                            const struct primitive_refs *refs, unsigned threads)
+{
+    struct embree_tree_result result;
+    const struct embree_tree_request request = {
+        .method = method_find(method), .mesh = ply, .refs = refs, .threads = threads, .want_tree = true};
+    const char *failure = embree_tree_build(&request, &result);
+    if (failure) {
+        fprintf(stderr, "bench_build: rtcBuildBVH: %s\n", failure);
+        exit(1);
+    }
+    return result;
+}
+
+static double sweep_sah(const struct primitive_refs *refs)
+{
+    struct tree tree = sweep_build(refs->refs, refs->count);
+    double sah = tree_sah(&tree);
+    tree_finish(&tree);
+    return sah;
+}
+
+static void run_references(struct bench *bench, const struct build_input *input, const struct ply *ply, struct row *row,
+                           double times[VALUES])
 {
     struct bvhd_error error;
     struct limits limits = limits_default();
     const struct build_context context = {.memory = &bench->memory, .parallel = bench->parallel};
     struct canonical canonical;
     struct primitive_refs refs;
-    struct reference_result results[REFERENCE_METHODS];
     if (prepare(input, 0, &limits, &context, &canonical, &error) != BVHD_OK ||
         primitive_collect_blocks(&canonical, NULL, &context, &refs, &error) != BVHD_OK ||
         !primitive_close_gaps(&refs, &context))
         fail(row->name, &error);
-    for (int kind = 0; kind < REFERENCE_METHODS; kind++)
-        if (!reference_build((enum reference_method)kind, refs.refs, refs.count, bench->threads, &results[kind]))
-            exit(1);
+    struct embree_tree_result medium = run_embree("embree/bvh-medium-2", ply, &refs, bench->threads),
+                              low = run_embree("embree/bvh-low-8", ply, &refs, bench->threads);
     if (row->sweep_sah == 0)
-        row->sweep_sah = reference_sweep_sah(refs.refs, refs.count);
+        row->sweep_sah = sweep_sah(&refs);
     memory_free(&bench->memory, refs.refs);
     prepare_finish(&canonical, &bench->memory);
-    row->medium_sah = results[REFERENCE_MEDIUM].sah;
-    times[MEDIUM] = results[REFERENCE_MEDIUM].ms;
-    times[MEDIUM_CPU] = results[REFERENCE_MEDIUM].cpu_ms;
-    times[LOW] = results[REFERENCE_LOW_WIDE].ms;
-    times[LOW_CPU] = results[REFERENCE_LOW_WIDE].cpu_ms;
+    row->medium_sah = tree_sah(&medium.tree);
+    times[MEDIUM] = medium.ms;
+    times[MEDIUM_CPU] = medium.cpu_ms;
+    times[LOW] = low.ms;
+    times[LOW_CPU] = low.cpu_ms;
+    tree_finish(&medium.tree);
+    tree_finish(&low.tree);
 }
 
 static struct row measure(struct bench *bench, const char *path)
@@ -155,7 +173,7 @@ static struct row measure(struct bench *bench, const char *path)
     row.triangles = ply->triangle_count;
     for (int run = 0; run < bench->options->runs; run++) {
         run_ours(bench, &input, &row, times);
-        run_references(bench, &input, &row, times);
+        run_references(bench, &input, ply, &row, times);
         for (int i = 0; i < VALUES; i++)
             samples[i][run] = times[i];
     }

@@ -67,8 +67,8 @@ done
 
 "$bench" stadium-like slivers -o "$scratch" --runs 3 --patience 0 --size 3000 --picture 32 --rays 100 >/dev/null
 check_json "$scratch/report.json"
-for method in fast balanced high auto-0.1 auto-1 auto-10 auto-100 balanced/fast-triangles balanced/lavapipe sweep \
-    embree/bvh-medium-2 embree/scene-medium-robust; do
+for method in fast balanced high auto-0.1 auto-1 auto-10 auto-100 balanced/fast-triangles balanced/lavapipe \
+    fast/embree balanced/embree high/embree sweep embree/bvh-medium-2 embree/scene-medium-robust; do
     has "$scratch/report.json" "\"method\": ?\"$method\""
 done
 for key in settings floors summary scenes stages_ms mprim_s median mad sah overlap inner_steps_per_diffuse_ray \

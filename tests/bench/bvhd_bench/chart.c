@@ -13,6 +13,7 @@ enum family {
     FAMILY_INDEXED,
     FAMILY_FAST_TRIANGLES,
     FAMILY_LAVAPIPE,
+    FAMILY_BY_EMBREE,
     FAMILY_EMBREE,
     FAMILY_EMBREE_ROBUST,
     FAMILY_AUTO,
@@ -27,6 +28,7 @@ static const struct {
     {"portable, shared vertices", "#0072B2", 7},
     {"portable, 48 B triangles", "#56B4E9", 5},
     {"lavapipe", "#009E73", 9},
+    {"portable, built by Embree", "#E69F00", 15},
     {"Embree, default", "#D55E00", 13},
     {"Embree, robust", "#CC79A7", 11},
     {"auto, by rays a triangle", "#000000", 4},
@@ -44,9 +46,10 @@ static enum family family_of(const struct method *method)
     if (is_choice(method))
         return FAMILY_AUTO;
     if (method->kind == METHOD_OWN)
-        return method->target == TARGET_LAVAPIPE ? FAMILY_LAVAPIPE
-               : method->layout_flags            ? FAMILY_FAST_TRIANGLES
-                                                 : FAMILY_INDEXED;
+        return method->builder == BUILDER_EMBREE   ? FAMILY_BY_EMBREE
+               : method->target == TARGET_LAVAPIPE ? FAMILY_LAVAPIPE
+               : method->layout_flags              ? FAMILY_FAST_TRIANGLES
+                                                   : FAMILY_INDEXED;
     if (method->kind == METHOD_SWEEP)
         return FAMILY_OTHER;
     return method->robust ? FAMILY_EMBREE_ROBUST : FAMILY_EMBREE;

@@ -196,17 +196,15 @@ static void warm_up(RTCDevice device, struct RTCBuildArguments arguments, const 
 }
 
 struct task {
+    const struct embree_tree_request *request;
     RTCDevice device;
     atomic_llong live; /* bytes that the device holds */
     struct RTCBuildArguments arguments;
-    const struct primitive_refs *refs;
-    unsigned threads;
-    bool want_tree;
 };
 
 static const char *run(struct task *task, struct embree_tree_result *result)
 {
-    const struct primitive_refs *refs = task->refs;
+    const struct primitive_refs *refs = task->request->refs;
     memcpy(task->arguments.primitives, refs->refs, refs->count * sizeof *refs->refs);
     warm_up(task->device, task->arguments, refs);
     long long before = task->live;
@@ -214,27 +212,25 @@ static const char *run(struct task *task, struct embree_tree_result *result)
     if (!bvh)
         return "no BVH";
     task->arguments.bvh = bvh;
-    double begin = stopwatch_ms(task->threads);
+    double begin = stopwatch_wall_ms(), cpu_begin = stopwatch_cpu_ms();
     const struct node *root = rtcBuildBVH(&task->arguments);
-    result->ms = stopwatch_ms(task->threads) - begin;
+    result->ms = stopwatch_wall_ms() - begin;
+    result->cpu_ms = stopwatch_cpu_ms() - cpu_begin;
     result->bytes = (uint64_t)(task->live - before);
-    if (root && task->want_tree)
+    if (root && task->request->want_tree)
         result->tree = copy_tree(root, &refs->bounds);
     rtcReleaseBVH(bvh);
     return root ? NULL : "no tree";
 }
 
-const char *embree_tree_build(const struct method *method, const struct ply *mesh, const struct primitive_refs *refs,
-                              unsigned threads, bool want_tree, struct embree_tree_result *ret_result)
+const char *embree_tree_build(const struct embree_tree_request *request, struct embree_tree_result *ret_result)
 {
+    const struct primitive_refs *refs = request->refs;
     struct embree_tree_result result = {0};
-    struct task task = {.arguments = arguments_for(method, mesh, refs->count),
-                        .refs = refs,
-                        .threads = threads,
-                        .want_tree = want_tree};
+    struct task task = {.request = request, .arguments = arguments_for(request->method, request->mesh, refs->count)};
     if (refs->count == 0)
         return "nothing to build over";
-    task.device = embree_api_device(threads, embree_api_count, &task.live);
+    task.device = embree_api_device(request->threads, embree_api_count, &task.live);
     task.arguments.primitives =
         aligned_alloc(64, (task.arguments.primitiveArrayCapacity * sizeof *refs->refs + 63) & ~(size_t)63);
     const char *failure = "no device";

@@ -11,6 +11,12 @@
          .quality = quality_,                                                                                          \
          .target = TARGET_PORTABLE,                                                                                    \
          .layout_flags = PORTABLE_FAST_TRIANGLES},                                                                     \
+        {.name = name_ "/embree",                                                                                      \
+         .label = name_ " by Embree",                                                                                  \
+         .kind = METHOD_OWN,                                                                                           \
+         .quality = quality_,                                                                                          \
+         .builder = BUILDER_EMBREE,                                                                                    \
+         .target = TARGET_PORTABLE},                                                                                   \
     {                                                                                                                  \
         .name = name_ "/lavapipe", .label = name_ " lavapipe", .kind = METHOD_OWN, .quality = quality_,                \
         .target = TARGET_LAVAPIPE                                                                                      \

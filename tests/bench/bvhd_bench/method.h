@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* method.h - lists the methods that are compared: our tiers by target, and the builders that Embree offers. */
+/* method.h - lists the methods that are compared: our tiers by target and builder, and what Embree offers by itself. */
 #ifndef BVHD_BENCH_METHOD_H
 #define BVHD_BENCH_METHOD_H
 
@@ -8,7 +8,7 @@
 #include "proto/base/geometry.h"
 
 enum method_kind {
-    METHOD_OWN, /* a tier and a target */
+    METHOD_OWN, /* a tier, a target and a builder */
     METHOD_BVH, /* rtcBuildBVH: has a tree, but no tracer */
     METHOD_SCENE, /* rtcCommitScene: has a tracer, but no tree to inspect */
     METHOD_SWEEP, /* a full sweep, the reference for trees */
@@ -22,6 +22,7 @@ struct method {
     enum method_kind kind;
     /* METHOD_OWN */
     enum build_quality quality;
+    enum build_builder builder;
     enum target target;
     uint32_t layout_flags;
     float rays_per_primitive; /* the hint that auto is given */

@@ -9,12 +9,27 @@
 
 #include <time.h>
 
-/* Milliseconds since some fixed moment. */
-static inline double stopwatch_ms(unsigned threads)
+/* Milliseconds of a clock, since some fixed moment. */
+static inline double stopwatch_of(clockid_t clock)
 {
     struct timespec now;
-    clock_gettime(threads == 1 ? CLOCK_PROCESS_CPUTIME_ID : CLOCK_MONOTONIC, &now);
+    clock_gettime(clock, &now);
     return (double)now.tv_sec * 1e3 + (double)now.tv_nsec * 1e-6;
+}
+
+static inline double stopwatch_wall_ms(void)
+{
+    return stopwatch_of(CLOCK_MONOTONIC);
+}
+
+static inline double stopwatch_cpu_ms(void)
+{
+    return stopwatch_of(CLOCK_PROCESS_CPUTIME_ID);
+}
+
+static inline double stopwatch_ms(unsigned threads)
+{
+    return threads == 1 ? stopwatch_cpu_ms() : stopwatch_wall_ms();
 }
 
 #endif

@@ -92,6 +92,7 @@ static bool build_own(struct bench *bench, const struct ply *mesh, struct subjec
     struct limits limits = limits_default();
     struct build_context context = context_of(bench);
     struct build_input input = ply_input(mesh, subject->method->quality, &geometry);
+    input.options.builder = subject->method->builder;
     input.options.target = subject->method->target;
     input.options.layout_flags = subject->method->layout_flags;
     input.options.rays_per_primitive = subject->method->rays_per_primitive;
@@ -134,12 +135,14 @@ static bool build_bvh(struct bench *bench, const struct ply *mesh, const struct 
                       struct subject_wants wants, struct subject *subject)
 {
     struct embree_tree_result result;
-    const char *failure = embree_tree_build(subject->method, mesh, refs, bench->threads, wants.tree, &result);
+    const struct embree_tree_request request = {
+        .method = subject->method, .mesh = mesh, .refs = refs, .threads = bench->threads, .want_tree = wants.tree};
+    const char *failure = embree_tree_build(&request, &result);
     if (failure) {
         snprintf(subject->failure, sizeof subject->failure, "rtcBuildBVH: %s", failure);
         return false;
     }
-    subject->ms = result.ms;
+    subject->ms = bench->threads == 1 ? result.cpu_ms : result.ms;
     subject->bytes = result.bytes;
     subject->tree = result.tree;
     return true;
