@@ -207,7 +207,7 @@ static enum bvhd_status note_progress(const struct incoming_frame *arrival, cons
         if (progress->items[i] >= exchange->count)
             return violation(arrival, "progress of no item");
         const struct exchange_entry *entry = &exchange->entries[progress->items[i]];
-        if (exchange->batch && !entry->cancelled && !entry->answered)
+        if (exchange->batch && !entry->cancelled)
             client_batch_set_progress(exchange->batch, entry->item, progress->thousandths[i]);
     }
     return BVHD_OK;

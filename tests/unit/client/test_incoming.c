@@ -12,8 +12,9 @@
 
 static const struct bytes nothing, broken = {(const unsigned char *)"\xff\xff\xff\xff", 4};
 
-/* Progress of item 0: 500 thousandths. */
-static const struct bytes half = {(const unsigned char *)"\x0a\x04\0\0\0\0\x12\x04\xf4\x01\0\0", 12};
+/* Progress of the items 0 and 1: 500 thousandths each. */
+static const struct bytes half = {(const unsigned char *)"\x0a\x04\0\0\0\0\x12\x04\xf4\x01\0\0", 12},
+                          half_of_next = {(const unsigned char *)"\x0a\x04\1\0\0\0\x12\x04\xf4\x01\0\0", 12};
 
 /* Submits a payload that belongs into the pool, and receives POOL. The daemon keeps no descriptor of it. */
 static struct bvhd_batch *ask_for_pool(struct client_bed *bed, uint64_t *ret_request)
@@ -180,11 +181,29 @@ static void test_error_for_the_rest(void **state)
     fake_send(&bed.fake, FRAME_PROGRESS, request, half); /* it was answered already */
     bvhd_client_dispatch(bed.client);
     bvhd_batch_cancel_item(batch, 1);
+    fake_send(&bed.fake, FRAME_PROGRESS, request, half_of_next); /* nobody wants it any more */
     fake_send_error(&bed.fake, request, BVHD_IO, "build", "half of it");
     assert_int_equal(bvhd_batch_wait(batch, 5000), BVHD_OK);
     assert_int_equal(bed_status(batch, 0), BVHD_OK);
     assert_int_equal(bed_status(batch, 1), BVHD_CANCELLED);
     assert_int_equal(bed_status(batch, 2), BVHD_IO);
+    bvhd_batch_destroy(batch);
+    assert_true(bed_stop(&bed));
+}
+
+/* A daemon may cancel what nobody has cancelled, and not for a deadline. */
+static void test_cancelled_by_the_daemon(void **state)
+{
+    (void)state;
+    struct client_bed bed;
+    uint64_t request;
+    bed_start(&bed);
+    assert_true(bed_connect(&bed));
+    struct bvhd_batch *batch = bed_ask(&bed, &request);
+    fake_send_prepared(&bed.fake, request, 0, 1);
+    fake_send_failed(&bed.fake, request, 0, BVHD_CANCELLED, "infos[0]");
+    assert_int_equal(bed_outcome(batch), BVHD_CANCELLED);
+    assert_string_equal(bvhd_batch_result(batch, 0)->error.where, "infos[0]");
     bvhd_batch_destroy(batch);
     assert_true(bed_stop(&bed));
 }
@@ -342,7 +361,7 @@ int main(void)
         cmocka_unit_test(test_instead_of_welcome),   cmocka_unit_test(test_last_words),
         cmocka_unit_test(test_error_for_the_rest),   cmocka_unit_test(test_answers_that_nobody_wants),
         cmocka_unit_test(test_full_socket),          cmocka_unit_test(test_late_answers),
-        cmocka_unit_test(test_calls_without_memory),
+        cmocka_unit_test(test_calls_without_memory), cmocka_unit_test(test_cancelled_by_the_daemon),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

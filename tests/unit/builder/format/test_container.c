@@ -302,7 +302,7 @@ static void wrong_rows_are_refused(void **state)
 static void wrong_texts_are_refused(void **state)
 {
     (void)state;
-    static const char *const names[] = {"a/b", "..\0", "\xc3(a", "\0ab"};
+    static const char *const names[] = {"a/b", ".\0\0", "..\0", "\xc3(a", "\0ab"};
     for (size_t i = 0; i < sizeof names / sizeof names[0]; i++) {
         unsigned char *copy = copy_container();
         unsigned char *texts = row_of(copy, TEST_CONTAINER_ROWS) + 4 * bytes_get64(copy + HEADER_REFERENCES);

@@ -12,6 +12,7 @@
 #include <unistd.h>
 
 #include "client/bvhctl/scene/gltf_file.h"
+#include "client/bvhctl/scene/gltf_uri.h"
 #include "client/bvhctl/scene/import.h"
 #include "client/bvhctl/scene/import_files.h"
 #include "tests/support/scratch.h"
@@ -156,6 +157,7 @@ static enum bvhd_status read_corner(struct memory *memory, struct import *ret_im
     "},'values':{" values "}}}"
 #define DRACO(primitive)                                                                                               \
     "{'attributes':{'POSITION':2}," primitive "'extensions':{'KHR_draco_mesh_compression':{'bufferView':0}}}"
+#define DRACO_POINTS ",{'componentType':5126,'count':3,'type':'VEC3'}"
 #define DRACO_FILE ",'extensionsRequired':['KHR_draco_mesh_compression']"
 
 static const struct corner corners[] = {
@@ -284,21 +286,46 @@ static const struct corner corners[] = {
     {.accessors = ",{'bufferView':0,'componentType':5125,'count':3,'type':'VEC3'}",
      .primitives = "{'attributes':{'POSITION':0,'COLOR_0':2},'indices':1}"},
     /* Draco compression, which another reader decodes. */
-    {.accessors = ",{'componentType':5126,'count':3,'type':'VEC3'},{'componentType':5123,'count':3,'type':'SCALAR'}",
+    {.accessors = DRACO_POINTS ",{'componentType':5123,'count':3,'type':'SCALAR'}",
      .primitives = DRACO("'indices':3,"),
      .more = DRACO_FILE,
      .text = "which assimp reads:",
      .status = BVHD_UNSUPPORTED},
-    {.accessors = ",{'componentType':5126,'count':3,'type':'VEC3'},{'componentType':5125,'count':3,'type':'SCALAR'}",
+    {.accessors = DRACO_POINTS ",{'componentType':5125,'count':3,'type':'SCALAR'}",
      .primitives = DRACO("'indices':3,"),
      .more = DRACO_FILE,
      .text = "with indices of 32 bits",
      .status = BVHD_UNSUPPORTED},
-    {.accessors = ",{'componentType':5126,'count':3,'type':'VEC3'}",
+    {.accessors = DRACO_POINTS,
      .primitives = DRACO("'indices':99,"),
      .more = DRACO_FILE,
      .text = "needs an accessor",
      .status = BVHD_INVALID},
+    {.accessors = DRACO_POINTS ",{'componentType':5125,'count':3,'type':'SCALAR'},"
+                               "{'componentType':5123,'count':3,'type':'SCALAR'}",
+     .primitives = DRACO("'indices':3,") "," DRACO("'indices':4,"),
+     .more = DRACO_FILE,
+     .text = "with indices of 32 bits",
+     .status = BVHD_UNSUPPORTED},
+    {.accessors = ",{'componentType':5126,'count':-1,'type':'VEC3'},{'componentType':1e10,'count':3,'type':'SCALAR'}",
+     .primitives = DRACO("'indices':3,"),
+     .more = DRACO_FILE,
+     .text = "which assimp reads:",
+     .status = BVHD_UNSUPPORTED},
+    /* Compressed primitives that have plain data, too. */
+    {.primitives = "{'attributes':{'POSITION':0},'indices':1,'extensions':{'KHR_draco_mesh_compression':{}}}"},
+    {.accessors = ",{'componentType':5126,'count':3,'type':'VEC3','sparse':{'count':1,'indices':{'bufferView':6,"
+                  "'componentType':5121},'values':{'bufferView':0}}}",
+     .primitives = DRACO("'indices':1,")},
+    /* Lists whose first element is wrong, and the second is right. */
+    {.nodes = "5,{'mesh':0}", .text = "nodes[0]: not an object"},
+    {.nodes = "{'children':5},{'mesh':0}", .text = "nodes[0].children: no array"},
+    {.nodes = "{'children':[7,1]},{'mesh':0}", .text = "nodes[0].children[0]"},
+    {.more = ",'scenes':[{'nodes':5}]", .text = "scenes[0].nodes: no array"},
+    {.accessors = DRACO_POINTS,
+     .primitives = "#[" DRACO("'indices':99,") "," TRIANGLE "]},{'primitives':[" TRIANGLE "]",
+     .more = DRACO_FILE,
+     .text = "needs an accessor"},
 };
 
 static void corners_are_read_or_refused(void **state)
@@ -438,14 +465,47 @@ static void an_arena_without_memory_fails(void **state)
     gltf_arena_finish(&arena);
 }
 
-/* The JSON itself has no memory, and then buffers in the file. */
+/* What begins like a number, or has a number's place in no list, is no scene's number. */
+static void scenes_are_chosen_by_number(void **state)
+{
+    (void)state;
+    static const char *const wanted[] = {"!", "a", "0x", "1"};
+    const struct corner corner = {.more = ",'scenes':[{'nodes':[0]}]"};
+    struct memory memory;
+    struct import import;
+    write_file("b.bin", &data, sizeof data);
+    write_corner(&corner);
+    for (size_t i = 0; i < sizeof wanted / sizeof *wanted; i++) {
+        struct bvhd_error error = {0};
+        memory_init(&memory, UINT64_MAX);
+        assert_int_equal(import_read("c.gltf", wanted[i], &memory, &import, &error), BVHD_NOT_FOUND);
+        assert_non_null(strstr(error.text, "it has no scene"));
+    }
+    assert_int_equal(import_read("c.gltf", "0", &memory, &import, NULL), BVHD_OK);
+    assert_int_equal(import.triangle_count, 1);
+    import_finish(&import);
+    assert_int_equal(memory.live, 0);
+}
+
+static void absolute_paths_have_no_folder(void **state)
+{
+    (void)state;
+    struct memory memory;
+    memory_init(&memory, UINT64_MAX);
+    char *path = gltf_uri_path("folder/c.gltf", "/elsewhere/b.bin", &memory);
+    assert_string_equal(path, "/elsewhere/b.bin");
+    memory_free(&memory, path);
+}
+
+/* The JSON itself has no memory, and then the scene's name, primitives, and buffers in the file. */
 static void files_without_memory(void **state)
 {
     (void)state;
     char text[1000] =
         "{'asset':{'version':'2.0'},'buffers':[{'uri':'data:;base64,AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA',"
         "'byteLength':36}],'bufferViews':[{'buffer':0,'byteLength':36}],'accessors':[" POINTS
-        "],'meshes':[{'primitives':[{'attributes':{'POSITION':0}}]}],'nodes':[{'mesh':0}]}";
+        "],'meshes':[{'primitives':[{'attributes':{'POSITION':0}},{'attributes':{'POSITION':0},'mode':3}]}],"
+        "'nodes':[{'mesh':0}],'scenes':[{'nodes':[0],'name':'day'}]}";
     struct memory memory;
     struct import import;
     enum bvhd_status status = BVHD_NO_MEMORY;
@@ -453,7 +513,7 @@ static void files_without_memory(void **state)
     for (int64_t after = 0; status != BVHD_OK; after++) {
         memory_init(&memory, UINT64_MAX);
         atomic_store(&memory.fail_after, after);
-        status = import_read_with_looks("c.gltf", NULL, &memory, &import, NULL);
+        status = import_read_with_looks("c.gltf", "day", &memory, &import, NULL);
         assert_true((status == BVHD_OK || status == BVHD_NO_MEMORY) && after < 300);
         if (status == BVHD_OK)
             import_finish(&import);
@@ -501,7 +561,8 @@ int main(void)
         cmocka_unit_test(corners_are_read_or_refused),    cmocka_unit_test(versions_are_checked),
         cmocka_unit_test(headers_of_glb_are_checked),     cmocka_unit_test(a_directory_is_no_file),
         cmocka_unit_test(other_json_is_not_in_the_arena), cmocka_unit_test(an_arena_without_memory_fails),
-        cmocka_unit_test(files_without_memory),
+        cmocka_unit_test(files_without_memory),           cmocka_unit_test(scenes_are_chosen_by_number),
+        cmocka_unit_test(absolute_paths_have_no_folder),
     };
     return cmocka_run_group_tests(tests, scratch_enter, scratch_remove);
 }

@@ -17,9 +17,12 @@ static void write_file(const char *path, const void *data, size_t size)
     fclose(file);
 }
 
-/* Three vertices: positions, normals, texture coordinates, colours. */
-static const float vertices[36] = {0, 0, 0, 1, 0, 0, 0,       1, 0, /* */ 0, 0, 2, 0, 0, 1, 0, 3, 4,
-                                   0, 0, 0, 1, 1, 0, /* */ 1, 0, 0, 1,       0, 1, 0, 1, 0, 0, 1, 0.5f};
+#define ENDLESS INFINITY, 1, 0
+/* Three vertices: positions, normals, texture coordinates, colours, other normals. */
+static const float vertices[45] = {
+    0,       0,       0,      1, 0, 0, 0,       1, 0, /* */ 0, 0, 2, 0, 0, 1, 0, 3, 4, /* */
+    0,       0,       0,      1, 1, 0, /* */ 1, 0, 0, 1,       0, 1, 0, 1, 0, 0, 1, 0.5f, /* */
+    ENDLESS, ENDLESS, ENDLESS};
 
 static int make_files(void **state)
 {
@@ -41,12 +44,15 @@ static void read_scene(const char *attributes, const char *material, const char 
     snprintf(text, sizeof text,
              "{'asset':{'version':'2.0'},'nodes':[{'mesh':0}],'buffers':[{'byteLength':%zu,'uri':'v.bin'}],"
              "'bufferViews':[{'buffer':0,'byteLength':36},{'buffer':0,'byteOffset':36,'byteLength':36},"
-             "{'buffer':0,'byteOffset':72,'byteLength':24},{'buffer':0,'byteOffset':96,'byteLength':48}],"
+             "{'buffer':0,'byteOffset':72,'byteLength':24},{'buffer':0,'byteOffset':96,'byteLength':48},"
+             "{'buffer':0,'byteOffset':144,'byteLength':36}],"
              "'accessors':[{'bufferView':0,'componentType':5126,'count':3,'type':'VEC3'},"
              "{'bufferView':1,'componentType':5126,'count':3,'type':'VEC3'},"
              "{'bufferView':2,'componentType':5126,'count':3,'type':'VEC2'},"
              "{'bufferView':3,'componentType':5126,'count':3,'type':'VEC4'},"
-             "{'bufferView':2,'componentType':5126,'count':2,'type':'VEC2'}],"
+             "{'bufferView':2,'componentType':5126,'count':2,'type':'VEC2'},"
+             "{'bufferView':4,'componentType':5126,'count':3,'type':'VEC3'},"
+             "{'bufferView':2,'componentType':5126,'count':3,'type':'VEC3'}],"
              "'meshes':[{'primitives':[{'attributes':{'POSITION':0%s},'material':0}]}],'materials':[{%s}]%s}",
              sizeof vertices, attributes, material, textures);
     for (char *at = text; *at; at++)
@@ -129,6 +135,8 @@ static void test_mistakes(void **state)
         {",'TEXCOORD_0':4", TEXTURED, ",'textures':[{'source':0}],'images':[{'uri':'two%20by%20two.png'}]",
          "TEXCOORD_0 of 3 vertices"},
         {",'NORMAL':2", "", "", "NORMAL of 3 vertices"},
+        {",'NORMAL':3", "", "", "4 components of 3 vertices do not fit NORMAL"},
+        {",'NORMAL':6", "", "", "accessors[6]"},
         {",'COLOR_0':99", "", "", "COLOR_0"},
         {",'TEXCOORD_0':2", "'pbrMetallicRoughness':{'baseColorTexture':{'index':0,'texCoord':-1}}",
          ",'textures':[{'source':0}],'images':[{'uri':'two%20by%20two.png'}]", "texCoord"},
@@ -197,6 +205,49 @@ static void test_values(void **state)
     finish(&import, &memory);
     read_scene("", "'alphaMode':'MASK'", "", &memory, &import);
     assert_true(import.meshes[0].look.cutoff == 0.5f);
+    finish(&import, &memory);
+}
+
+/* Numbers that are read, but stand for nothing: a filter that is smooth, an endless rotation, endless normals. */
+static void test_empty_values(void **state)
+{
+    (void)state;
+    struct memory memory;
+    struct import import;
+    read_scene(",'TEXCOORD_0':2,'NORMAL':5",
+               "'pbrMetallicRoughness':{'baseColorTexture':{'index':0,'extensions':{'KHR_texture_transform':"
+               "{'rotation':1e999}}}}",
+               ",'textures':[{'source':0,'sampler':0}],'samplers':[{'magFilter':9729}],"
+               "'images':[{'uri':'two%20by%20two.png'}]",
+               &memory, &import);
+    const struct import_look *look = &import.meshes[0].look;
+    assert_int_equal(import.looks_left_out, 0);
+    assert_true(look->has_image && !look->is_pixelated);
+    assert_true(look->texcoords[2] == 0 && look->texcoords[3] == 1);
+    for (int i = 0; i < 9; i++)
+        assert_true(look->normals[i] == 0);
+    finish(&import, &memory);
+}
+
+/* Writes a scene of two triangles with one material, and the attributes of each. */
+#define TWICE(attributes) attributes "},'material':0},{'attributes':{'POSITION':0" attributes
+
+/* An image is decoded once, or left out once, and the message is of the first mistake. */
+static void test_shared_image(void **state)
+{
+    (void)state;
+    struct memory memory;
+    struct import import;
+    read_scene(TWICE(",'TEXCOORD_0':2"), TEXTURED, ",'textures':[{'source':0}],'images':[{'uri':'two%20by%20two.png'}]",
+               &memory, &import);
+    assert_int_equal(import.looks_left_out, 0);
+    assert_true(import.meshes[0].look.has_image && import.meshes[1].look.has_image);
+    finish(&import, &memory);
+    read_scene(TWICE(",'TEXCOORD_0':2,'NORMAL':2"), TEXTURED,
+               ",'textures':[{'source':0}],'images':[{'uri':'none.png'}]", &memory, &import);
+    assert_int_equal(import.looks_left_out, 3);
+    assert_non_null(strstr(import.look_error.where, "none.png"));
+    assert_false(import.meshes[1].look.has_image);
     finish(&import, &memory);
 }
 
@@ -269,7 +320,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_everything), cmocka_unit_test(test_transform),       cmocka_unit_test(test_mistakes),
         cmocka_unit_test(test_values),     cmocka_unit_test(test_too_many_images), cmocka_unit_test(test_no_memory),
-        cmocka_unit_test(test_on_demand),
+        cmocka_unit_test(test_on_demand),  cmocka_unit_test(test_empty_values),    cmocka_unit_test(test_shared_image),
     };
     return cmocka_run_group_tests_name("gltf_look", tests, make_files, scratch_remove);
 }

@@ -142,7 +142,7 @@ static void test_optional_members(void **state)
         "{\"file\":\"b\",\"type\":\"blas\",\"scene\":\"s\",\"name\":\"n\",\"target\":\"portable\",\"bytes\":-1,"
         "\"geometries\":[{\"color\":[\"a\",0,0]},{\"color\":[-1,0,0]},{\"color\":7}]},"
         "{\"file\":\"c\",\"type\":\"blas\",\"scene\":\"s\",\"name\":\"n\",\"target\":\"portable\",\"bytes\":1e16,"
-        "\"geometries\":[]}],"
+        "\"geometries\":[],\"source_scene\":{\"number\":4,\"name\":\"dusk\"}}],"
         "\"scenes\":[" FILES("7", "\"x.gltf\"") "," FILES("\"a\"", "7") "," FILES("\"a\"", "\"../x.gltf\"") "," FILES(
             "\"a\"", "\"x.gltf\"") "," FILES("\"a\"", "\"y.gltf\"") "]}";
     struct memory memory;
@@ -154,6 +154,7 @@ static void test_optional_members(void **state)
     assert_string_equal(manifest.entries[0].source_file, "x.gltf");
     assert_null(manifest.entries[0].source_name);
     assert_null(manifest.entries[1].source_file);
+    assert_string_equal(manifest.entries[2].source_name, "dusk");
     for (int i = 0; i < 3; i++)
         assert_true(manifest.entries[1].colours[i].rgb[0] < 0);
     assert_ptr_equal(manifest_find_top(&manifest, NULL, "3"), &manifest.entries[0]);

@@ -6,6 +6,7 @@
 
 #include "client/bvhctl/scene/ply.h"
 #include "tests/support/scene/ply_file.h"
+#include "tests/support/scratch.h"
 
 static enum bvhd_status read_bytes(const void *data, size_t size, struct memory *memory, struct import *ret_import,
                                    struct bvhd_error *error)
@@ -237,6 +238,24 @@ static void test_text(void **state)
     finish(&import, &memory);
 }
 
+/* Comments end with any end of a line, or with the file; a word that is none may be cut off there. */
+static void test_ends_of_comments(void **state)
+{
+    (void)state;
+    static const char *const ends[] = {"comment a\rcomment b\r", "comment a", "obj_info", "comm", "obj_inf"};
+    static const uint64_t extra[] = {0, 0, 0, 4, 7};
+    for (size_t i = 0; i < sizeof ends / sizeof *ends; i++) {
+        struct memory memory;
+        struct import import;
+        char body[100];
+        snprintf(body, sizeof body, "0 0 0\rcomment\r1 0 0\r0 1 0\r3 0 1 2\r%s", ends[i]);
+        read_text(body, &memory, &import);
+        assert_int_equal(import.meshes[0].triangle_count, 1);
+        assert_int_equal(import.counts.extra_bytes, extra[i]);
+        finish(&import, &memory);
+    }
+}
+
 /* Text is rounded once: through double, this number would become another float. */
 static void test_rounding(void **state)
 {
@@ -280,6 +299,33 @@ static void test_strip_order(void **state)
     finish(&import, &memory);
 }
 
+/* An unsigned index that has all bits set ends a strip, as -1 does. */
+static void test_unsigned_restart(void **state)
+{
+    (void)state;
+    static const double strip[] = {0, 1, 2, 4294967295.0, 1, 2, 3};
+    static const uint32_t expected[] = {0, 1, 2, 1, 2, 3};
+    for (int format = 0; format < PLY_FILE_FORMATS; format++) {
+        struct ply_file file;
+        struct memory memory;
+        struct import import;
+        ply_file_begin(&file, format, "\n");
+        ply_file_line(&file, "element vertex 4\nproperty int x\nproperty int y\nproperty int z");
+        ply_file_line(&file, "element tristrips 1\nproperty list int uint vertex_indices\nend_header");
+        for (int i = 0; i < 12; i++) {
+            ply_file_number(&file, "int", i * i);
+            if (i % 3 == 2)
+                ply_file_end_row(&file);
+        }
+        ply_file_list(&file, "int", "uint", strip, 7);
+        ply_file_end_row(&file);
+        read_good(&file, &memory, &import);
+        assert_int_equal(import.meshes[0].triangle_count, 2);
+        assert_memory_equal(import.meshes[0].indices, expected, sizeof expected);
+        finish(&import, &memory);
+    }
+}
+
 static void check_corners(const char *faces, uint32_t face_count, const uint32_t *expected, uint32_t triangle_count)
 {
     struct ply_file file;
@@ -304,6 +350,23 @@ static void test_corners(void **state)
     check_corners("3 0 1 2\n3 0 2 3\n2 0 1\n3 0 1 3", 4, kept, 3);
     check_corners("3 0 1 2\n3 0 2 3\n4 0 1 2 3\n4 0 1 2 3\n3 0 1 3", 5, rotated, 7);
     check_corners("3 0 1 2\n3 0 2 3\n0", 3, rotated, 2);
+}
+
+/* A file is PLY by its first line, however that ends, or by its name. */
+static void test_first_lines(void **state)
+{
+    static const struct {
+        const char *name, *text;
+        bool is_ply;
+    } files[] = {{"p", "ply\n", true},      {"p", "ply\r\n", true},  {"p", "ply ", false},   {"p", "ply", false},
+                 {"a name", "text", false}, {"a.PLY", "text", true}, {".ply", "text", false}};
+    assert_int_equal(scratch_enter(state), 0);
+    for (size_t i = 0; i < sizeof files / sizeof *files; i++) {
+        FILE *file = fopen(files[i].name, "wb");
+        assert_true(file && fputs(files[i].text, file) >= 0 && fclose(file) == 0);
+        assert_int_equal(ply_is_file(files[i].name), files[i].is_ply);
+    }
+    assert_int_equal(scratch_remove(state), 0);
 }
 
 static void test_files(void **state)
@@ -334,10 +397,20 @@ static void test_files(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_samples),  cmocka_unit_test(test_formats_agree), cmocka_unit_test(test_types),
-        cmocka_unit_test(test_values),   cmocka_unit_test(test_nan_bits),      cmocka_unit_test(test_text),
-        cmocka_unit_test(test_rounding), cmocka_unit_test(test_counted),       cmocka_unit_test(test_strip_order),
-        cmocka_unit_test(test_corners),  cmocka_unit_test(test_files),
+        cmocka_unit_test(test_samples),
+        cmocka_unit_test(test_formats_agree),
+        cmocka_unit_test(test_types),
+        cmocka_unit_test(test_values),
+        cmocka_unit_test(test_nan_bits),
+        cmocka_unit_test(test_text),
+        cmocka_unit_test(test_rounding),
+        cmocka_unit_test(test_counted),
+        cmocka_unit_test(test_strip_order),
+        cmocka_unit_test(test_corners),
+        cmocka_unit_test(test_files),
+        cmocka_unit_test(test_ends_of_comments),
+        cmocka_unit_test(test_unsigned_restart),
+        cmocka_unit_test(test_first_lines),
     };
     return cmocka_run_group_tests_name("ply", tests, NULL, NULL);
 }
