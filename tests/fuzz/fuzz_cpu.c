@@ -14,7 +14,7 @@
 #include <bvhd/bvhd_cpu.h>
 
 #include "client/library.h"
-#include "tests/support/builder/test_scene.h"
+#include "tests/fuzz/sample_scene.h"
 
 enum { MOST = 4, RAYS = 4 };
 
@@ -110,34 +110,17 @@ static size_t put(const struct batch_item *const *items, uint32_t count, uint8_t
     return at;
 }
 
-/* Samples are a bottom level of triangles, one of boxes, and both under a top level; by order and by handles. */
+/* Samples are each bottom level alone and both under the top level; by order and by handles. */
 size_t fuzz_sample(uint32_t index, uint8_t *ret_bytes)
 {
-    enum { SETS = 3, TRIANGLES = 12, BOXES = 6 };
-    static float corners[TRIANGLES][3][3], boxes[BOXES][6];
-    static const struct test_instance instances[] = {
-        {.transform = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}, .mask = 0xff, .bottom = 0},
-        {.transform = {0, 1, 0, 0.5f, -1, 0, 0, 0, 0, 0, 2, 0}, .mask = 0x81, .flags = 2, .bottom = 1}};
-    struct random random = {5};
+    enum { SETS = 3 };
     struct test_scene scene;
     if (index >= 4 * SETS)
         return 0;
-    for (int i = 0; i < TRIANGLES * 9; i++)
-        corners[i / 9][i / 3 % 3][i % 3] = (float)random_between(&random, -1, 1);
-    for (int i = 0; i < BOXES * 3; i++) {
-        boxes[i / 3][i % 3] = (float)random_between(&random, -1, 1);
-        boxes[i / 3][3 + i % 3] = boxes[i / 3][i % 3] + 0.3f;
-    }
-    const struct geometry triangles = test_scene_triangles((const float(*)[3][3])corners, TRIANGLES, 0),
-                          aabbs = test_scene_aabbs((const float(*)[6])boxes, BOXES, 0);
-    test_scene_init_native(&scene, LAVAPIPE_PLAIN);
-    test_scene_add(&scene, &triangles, 1, 0);
-    test_scene_add(&scene, &aabbs, 1, 0);
-    test_scene_add_top(&scene, instances, 2);
-    const struct batch_item *from = index & 1 ? scene.native_items : scene.items;
-    const struct batch_item *const items[] = {&from[0], &from[1], &from[TEST_SCENE_BOTTOMS]};
+    sample_scene_init(&scene);
+    const struct sample_structures structures = sample_scene_structures(&scene, index & 1);
     uint32_t set = index / 4;
-    size_t size = put(set < 2 ? &items[set] : items, set < 2 ? 1 : 3, index >> 1 & 1, ret_bytes);
+    size_t size = put(set < 2 ? &structures.items[set] : structures.items, set < 2 ? 1 : 3, index >> 1 & 1, ret_bytes);
     test_scene_finish(&scene);
     return size;
 }
