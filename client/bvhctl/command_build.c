@@ -193,7 +193,9 @@ static void build_scene(struct build_command *run, const char *path)
     struct import import;
     struct bvhd_error error = {0};
     progress_begin(&run->progress, "importing", path);
-    enum bvhd_status status = import_scene(path, run->options->scene, &run->memory, &import, &error);
+    const struct import_moment moment = {run->options->moment, run->options->animation};
+    const struct import_wish wish = {run->options->scene, run->options->has_moment ? &moment : NULL, false};
+    enum bvhd_status status = import_scene_as(path, &wish, &run->memory, &import, &error);
     progress_end(&run->progress);
     memory_explain(&run->memory, &error);
     if (status) {

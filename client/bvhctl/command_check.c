@@ -39,12 +39,11 @@ struct tally {
 struct choice {
     char *file; /* the name of the file without its ending */
     char *name; /* the scene's name in the manifest; NULL: what --scene says, which the manifest may not have */
-    const char *source; /* the scene of the file; NULL: all of it */
-    char number[16];
+    struct manifest_wish source; /* what of the file was built */
 };
 
 /*
- * Finds which scene of the file the structures were built from, in the manifest. A manifest that cannot be read is
+ * Finds what of the file the structures were built from, in the manifest. A manifest that cannot be read is
  * reported when it is opened.
  */
 static void find_source(struct check_command *run, struct choice *choice)
@@ -57,10 +56,8 @@ static void find_source(struct check_command *run, struct choice *choice)
     const struct manifest_entry *top = manifest_find_top(&manifest, choice->file, wanted);
     if (top)
         choice->name = files_copy_text(&run->local.memory, top->scene);
-    if (top && top->has_source) {
-        snprintf(choice->number, sizeof choice->number, "%u", top->source_number);
-        choice->source = choice->number;
-    }
+    if (top)
+        manifest_wish_init(&choice->source, top);
     manifest_finish(&manifest);
 }
 
@@ -69,7 +66,7 @@ static enum bvhd_status open_choice(struct check_command *run, const struct choi
     struct memory *memory = &run->local.memory;
     const struct options *options = run->options;
     const char *name = choice->name ? choice->name : options->scene ? options->scene : choice->file;
-    enum bvhd_status status = import_scene(options->operands[1], choice->source, memory, &run->import, error);
+    enum bvhd_status status = import_scene_as(options->operands[1], &choice->source.wish, memory, &run->import, error);
     bool is_imported = !status;
     if (!status)
         status = structures_open(options->operands[0], name, memory, &run->structures, error);

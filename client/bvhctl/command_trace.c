@@ -336,8 +336,8 @@ static enum bvhd_status open_appearance(struct trace_command *run, struct bvhd_e
         return BVHD_OK;
     }
     struct bvhd_error problem = {0};
-    enum bvhd_status status = appearance_open(&run->appearance, &run->structures, path,
-                                              run->source.has_scene ? run->source.scene : NULL, memory, &problem);
+    enum bvhd_status status =
+        appearance_open(&run->appearance, &run->structures, path, &run->source.wish.wish, memory, &problem);
     run->has_appearance = status == BVHD_OK;
     if (run->has_appearance)
         note_left_out(&run->appearance.import);

@@ -2,7 +2,8 @@
 /*
  * A GLB or glTF text from anywhere: it is either an error with a place, or an import whose numbers are in range.
  *
- * Input: the file. What meshes look like is read of files with an odd number of bytes.
+ * Input: the file. What meshes look like is read of files with an odd number of bytes. Files whose number of bytes has
+ * a two in it are read at a moment of their animation, which is in the last byte.
  */
 #include "tests/fuzz/fuzz.h"
 
@@ -82,7 +83,9 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     memory_init(&memory, UINT64_C(1) << 26);
     import_files_init(&files, &memory);
     struct import import = {.memory = &memory, .wants_looks = size % 2};
-    enum bvhd_status status = gltf_read(path, NULL, &files, &import, &foreign, &error);
+    const struct import_moment moment = {.time = size ? data[size - 1] / 64.0 : 0};
+    const struct import_wish wish = {.moment = size & 2 ? &moment : NULL};
+    enum bvhd_status status = gltf_read(path, &wish, &files, &import, &foreign, &error);
     if (status) {
         FUZZ_CHECK(error.status == status && error.where[0] && error.text[0]);
     } else if (!foreign) {

@@ -128,6 +128,17 @@ static enum bvhd_status parse_time(const char *text, double *ret_seconds, struct
     return status;
 }
 
+static enum bvhd_status parse_moment(const char *text, struct options *options, struct bvhd_error *error)
+{
+    char *end;
+    double moment = strtod(text, &end);
+    if (end == text || *end || !isfinite(moment))
+        return usage(error, "--at", "not a number of seconds: '%s'", text);
+    options->moment = moment;
+    options->has_moment = true;
+    return BVHD_OK;
+}
+
 /* A daemon that is asked all the time would have little else to do. */
 static const double least_interval = 0.05;
 
@@ -217,6 +228,9 @@ static enum bvhd_status apply_text(int value, const char *text, struct options *
     case OPTION_SCENE:
         options->scene = text;
         break;
+    case OPTION_ANIMATION:
+        options->animation = text;
+        break;
     case OPTION_DEVICE:
         options->device = text;
         break;
@@ -277,6 +291,8 @@ static enum bvhd_status apply(int value, const char *text, struct options *optio
                            &options->disk_cache_size, error);
     case OPTION_TIME:
         return parse_time(text, &options->seconds, error);
+    case OPTION_AT:
+        return parse_moment(text, options, error);
     case OPTION_COUNT:
         return number_read32("--count", text, (struct number_range){1, UINT32_MAX, false}, &options->count, error);
     case OPTION_INTERVAL:

@@ -75,6 +75,9 @@ struct options {
 
     uint64_t seed;
     bool flip_order;
+    bool has_moment; /* a scene is read at a moment of an animation: */
+    double moment; /* in seconds */
+    const char *animation; /* its name or number; NULL: not given */
     const char *scene; /* name or number of a scene in its file, or name of one in the directory; NULL: not given */
 
     const char *device; /* "cpu", "auto", a number or a part of a name; NULL: not given */

@@ -40,6 +40,10 @@ const struct option_row option_rows[] = {
      "one scene of a glTF file, by its name or its number from 0: build builds only it, check and trace take what was "
      "built from it; in a directory of several files they also take a file's name without ending (default: all scenes; "
      "trace: the first file)"},
+    {"at", OPTION_AT, "SEC", ON_BUILD,
+     "read glTF files at this moment of an animation, with skins and morph targets (default: at rest, without them)"},
+    {"animation", OPTION_ANIMATION, "NAME|NUMBER", ON_BUILD,
+     "of --at: the animation, by its name or its number from 0 (default: the first of the file)"},
     {"device", OPTION_DEVICE, "NAME", ON_TRACE,
      "cpu, a Vulkan device's number or a part of its name, or auto: a GPU that loads the structures, else cpu"},
     {"device", OPTION_DEVICE, "NAME", ON_PROBE,

@@ -103,11 +103,12 @@ static void sum_up(struct appearance *appearance)
 }
 
 enum bvhd_status appearance_open(struct appearance *appearance, const struct structures *structures, const char *path,
-                                 const char *scene, struct memory *memory, struct bvhd_error *error)
+                                 const struct import_wish *wish, struct memory *memory, struct bvhd_error *error)
 {
     const struct structure *top = structures_top(structures);
+    const struct import_wish with_looks = {wish->scene, wish->moment, true};
     *appearance = (struct appearance){.memory = memory, .has_top = top != NULL};
-    enum bvhd_status status = import_scene_with_looks(path, scene, memory, &appearance->import, error);
+    enum bvhd_status status = import_scene_as(path, &with_looks, memory, &appearance->import, error);
     if (status != BVHD_OK) {
         *appearance = (struct appearance){0};
         return status;

@@ -22,12 +22,12 @@ struct appearance {
 };
 
 /*
- * Reads the file from which the structures were built; `scene` is the scene of it that was chosen, or NULL. Everything
+ * Reads the file from which the structures were built; `wish` is what was read of it. Everything
  * else of the file is compared with the structures as far as it takes no time. BVHD_INCOMPATIBLE if they were built
  * from something else; else the errors of import_scene. End with appearance_close.
  */
 enum bvhd_status appearance_open(struct appearance *appearance, const struct structures *structures, const char *path,
-                                 const char *scene, struct memory *memory, struct bvhd_error *error);
+                                 const struct import_wish *wish, struct memory *memory, struct bvhd_error *error);
 /* NULL-safe, idempotent. */
 void appearance_close(struct appearance *appearance);
 

@@ -7,7 +7,6 @@
 #include <sys/stat.h>
 
 #include "client/bvhctl/base/files.h"
-#include "client/bvhctl/scene/manifest.h"
 
 static bool ends_with(const char *name, const char *ending)
 {
@@ -27,8 +26,7 @@ void scene_source_read(struct scene_source *source, const char *built, const cha
         if (!entry->is_top || strcmp(entry->scene, scene) || source->file)
             continue;
         source->file = entry->source_file ? files_copy_text(memory, entry->source_file) : NULL;
-        source->has_scene = entry->has_source;
-        snprintf(source->scene, sizeof source->scene, "%u", entry->source_number);
+        manifest_wish_init(&source->wish, entry);
     }
     source->is_gltf = source->file && (ends_with(source->file, ".gltf") || ends_with(source->file, ".glb"));
     manifest_finish(&manifest);

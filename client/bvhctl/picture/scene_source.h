@@ -3,20 +3,20 @@
 #ifndef BVHCTL_SCENE_SOURCE_H
 #define BVHCTL_SCENE_SOURCE_H
 
-#include <stdbool.h>
-
-#include "proto/base/memory.h"
+#include "client/bvhctl/scene/manifest.h"
 
 /* A manifest's record of the file of a scene. */
 struct scene_source {
     char *file; /* its name without its folder; NULL: it is not known */
     bool is_gltf; /* by that name */
-    bool has_scene; /* one scene of the file was chosen: */
-    char scene[16]; /* its number */
+    struct manifest_wish wish; /* how it was read */
     struct memory *memory;
 };
 
-/* Reads it from the manifest of a directory or container; nothing is known without a manifest. */
+/*
+ * Reads it from the manifest of a directory or container; nothing is known without a manifest. It must not be moved
+ * then.
+ */
 void scene_source_read(struct scene_source *source, const char *built, const char *scene, struct memory *memory);
 
 /* NULL-safe, idempotent. */

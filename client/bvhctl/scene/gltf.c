@@ -6,21 +6,27 @@
 #include <strings.h>
 
 #include "client/bvhctl/base/files.h"
+#include "client/bvhctl/scene/gltf_deform.h"
 #include "client/bvhctl/scene/gltf_extensions.h"
 #include "client/bvhctl/scene/gltf_json.h"
 #include "client/bvhctl/scene/gltf_look.h"
 #include "client/bvhctl/scene/gltf_mesh.h"
 #include "client/bvhctl/scene/gltf_nodes.h"
+#include "client/bvhctl/scene/gltf_pose.h"
 #include "client/bvhctl/scene/gltf_scenes.h"
 
-/* The state of the reader. Arrays have an entry for each mesh of the file. */
+/* The state of the reader. */
 struct reader {
     struct gltf_file file;
     struct import *import;
-    struct gltf_use *uses;
-    uint32_t *first; /* the first import mesh of a mesh that is used */
-    uint32_t *counts; /* and how many there are */
-    uint32_t *bottoms; /* its bottom level + 1; 0: none yet */
+    const struct import_wish *wish;
+    struct gltf_pose pose; /* only of a wish with a moment */
+    struct gltf_forms forms;
+    struct form_use {
+        uint32_t first; /* its first import mesh */
+        uint32_t count; /* and how many there are */
+        uint32_t bottom; /* its bottom level + 1; 0: none yet */
+    } * uses; /* one for each form */
 };
 
 bool gltf_is_file(const char *path)
@@ -41,19 +47,20 @@ static uint32_t mesh_count(const struct reader *reader)
     return reader->file.lists[GLTF_MESHES].count;
 }
 
-/* Numbers the import meshes: those of meshes that are used, in the order of the file. */
+/* Numbers the import meshes: those of the forms of each mesh, in the order of the file. */
 static enum bvhd_status number_meshes(struct reader *reader)
 {
     uint64_t total = 0;
     for (uint32_t i = 0; i < mesh_count(reader); i++) {
-        reader->file.counts->meshes += !reader->uses[i].is_used;
-        if (!reader->uses[i].is_used)
-            continue;
-        enum bvhd_status status = gltf_mesh_primitives(&reader->file, i, &reader->counts[i]);
+        uint32_t form = reader->forms.lists[i].first, primitives = 0;
+        reader->file.counts->meshes += !form;
+        enum bvhd_status status = form ? gltf_mesh_primitives(&reader->file, i, &primitives) : BVHD_OK;
         if (status)
             return status;
-        reader->first[i] = (uint32_t)total;
-        total += reader->counts[i];
+        for (; form; form = reader->forms.items[form - 1].next) {
+            reader->uses[form - 1] = (struct form_use){.first = (uint32_t)total, .count = primitives};
+            total += primitives;
+        }
     }
     struct import *import = reader->import;
     import->meshes = total < UINT32_MAX ? memory_array(import->memory, total + 1, sizeof *import->meshes) : NULL;
@@ -64,21 +71,45 @@ static enum bvhd_status number_meshes(struct reader *reader)
     return BVHD_OK;
 }
 
+/* Reads the meshes of a form, as they are at rest. What a pose does with them is not left out. */
+static enum bvhd_status read_form(struct reader *reader, uint32_t form)
+{
+    const struct gltf_form *from = &reader->forms.items[form];
+    const struct form_use *use = &reader->uses[form];
+    struct import_mesh *meshes = reader->import->meshes + use->first;
+    enum bvhd_status status = gltf_mesh_read(&reader->file, from->mesh, meshes);
+    for (uint32_t i = 0; i < use->count; i++) {
+        meshes[i].counts.skins = from->is_skinned && !reader->wish->moment;
+        if (reader->wish->moment)
+            meshes[i].counts.morphs = 0;
+    }
+    return status;
+}
+
 static enum bvhd_status read_meshes(struct reader *reader)
 {
     enum bvhd_status status = number_meshes(reader);
     struct import *import = reader->import;
-    for (uint32_t i = 0; i < mesh_count(reader) && !status; i++) {
-        if (reader->uses[i].is_used)
-            status = gltf_mesh_read(&reader->file, i, import->meshes + reader->first[i]);
-        for (uint32_t k = 0; k < reader->counts[i]; k++)
-            import->meshes[reader->first[i] + k].counts.skins = reader->uses[i].is_skinned;
-    }
+    for (uint32_t i = 0; i < mesh_count(reader) && !status; i++)
+        for (uint32_t form = reader->forms.lists[i].first; form && !status; form = reader->forms.items[form - 1].next)
+            status = read_form(reader, form - 1);
     for (uint32_t i = 0; i < import->mesh_count; i++) {
         import->triangle_count += import->meshes[i].triangle_count;
         import_counts_add_mesh(&import->counts, &import->meshes[i].counts);
     }
     return status;
+}
+
+static void read_form_look(const struct reader *reader, struct gltf_looks *looks, uint32_t form)
+{
+    const struct form_use *use = &reader->uses[form];
+    struct gltf_value mesh = gltf_item(&reader->file, GLTF_MESHES, reader->forms.items[form].mesh);
+    struct gltf_value list = gltf_member(&mesh, "primitives");
+    const cJSON *item = use->count ? list.json->child : NULL;
+    for (uint32_t k = 0; k < use->count; k++, item = item->next) {
+        struct gltf_value primitive = gltf_element(&list, item, k);
+        gltf_look_read(looks, &primitive, reader->import->meshes + use->first + k);
+    }
 }
 
 /* Reads what the meshes look like. */
@@ -88,68 +119,80 @@ static enum bvhd_status read_looks(struct reader *reader)
     enum bvhd_status status = gltf_looks_init(&looks, &reader->file, reader->import);
     if (status)
         return status;
-    for (uint32_t i = 0; i < mesh_count(reader); i++) {
-        struct gltf_value mesh = gltf_item(&reader->file, GLTF_MESHES, i), list = gltf_member(&mesh, "primitives");
-        const cJSON *item = reader->counts[i] ? list.json->child : NULL;
-        for (uint32_t k = 0; k < reader->counts[i]; k++, item = item->next) {
-            struct gltf_value primitive = gltf_element(&list, item, k);
-            gltf_look_read(&looks, &primitive, reader->import->meshes + reader->first[i] + k);
-        }
-    }
+    for (uint32_t i = 0; i < mesh_count(reader); i++)
+        for (uint32_t form = reader->forms.lists[i].first; form; form = reader->forms.items[form - 1].next)
+            read_form_look(reader, &looks, form - 1);
     gltf_looks_finish(&looks);
     return BVHD_OK;
 }
 
-static bool has_triangles(const struct reader *reader, uint32_t mesh)
+/* Moves the vertices of all forms as the pose says, and records the moment. */
+static enum bvhd_status apply_pose(struct reader *reader)
 {
-    for (uint32_t i = 0; i < reader->counts[mesh]; i++)
-        if (reader->import->meshes[reader->first[mesh] + i].triangle_count)
+    struct import *import = reader->import;
+    enum bvhd_status status = BVHD_OK;
+    import->has_moment = true;
+    import->time = reader->wish->moment->time;
+    import->has_animation = reader->pose.has_animation;
+    import->animation = reader->pose.animation;
+    for (uint32_t i = 0; i < reader->forms.count && !status; i++)
+        status =
+            gltf_deform(&reader->file, &reader->pose, &reader->forms.items[i], import->meshes + reader->uses[i].first);
+    return status;
+}
+
+static bool has_triangles(const struct reader *reader, const struct form_use *use)
+{
+    for (uint32_t i = 0; i < use->count; i++)
+        if (reader->import->meshes[use->first + i].triangle_count)
             return true;
     return false;
 }
 
 /* A bottom level has the name of its mesh if that has one primitive, else that of the first node that has it. */
-static char *name_bottom(const struct reader *reader, uint32_t mesh)
+static char *name_bottom(const struct reader *reader, uint32_t form)
 {
-    uint32_t node_index = reader->uses[mesh].first_node;
+    const struct form_use *use = &reader->uses[form];
+    uint32_t node_index = reader->forms.items[form].first_node;
     struct gltf_value node = gltf_item(&reader->file, GLTF_NODES, node_index);
     const char *name = gltf_text(&node, "name");
     char unnamed[32];
     snprintf(unnamed, sizeof unnamed, "nodes[%u]", node_index);
-    if (reader->counts[mesh] == 1)
-        name = reader->import->meshes[reader->first[mesh]].name;
+    if (use->count == 1)
+        name = reader->import->meshes[use->first].name;
     return files_copy_text(reader->file.memory, name && *name ? name : unnamed);
 }
 
-static bool add_bottom(struct reader *reader, uint32_t mesh)
+static bool add_bottom(struct reader *reader, uint32_t form)
 {
+    struct form_use *use = &reader->uses[form];
     struct import *import = reader->import;
     struct import_bottom *bottom = &import->bottoms[import->bottom_count++];
-    *bottom = (struct import_bottom){.mesh_count = reader->counts[mesh], .name = name_bottom(reader, mesh)};
+    *bottom = (struct import_bottom){.mesh_count = use->count, .name = name_bottom(reader, form)};
     bottom->meshes = memory_array(import->memory, bottom->mesh_count, sizeof *bottom->meshes);
     for (uint32_t i = 0; i < bottom->mesh_count && bottom->meshes; i++)
-        bottom->meshes[i] = reader->first[mesh] + i;
-    reader->bottoms[mesh] = import->bottom_count;
+        bottom->meshes[i] = use->first + i;
+    use->bottom = import->bottom_count;
     return bottom->name && bottom->meshes;
 }
 
-/* Replaces meshes by bottom levels in the instances, and drops instances of meshes without a triangle. */
+/* Replaces forms by bottom levels in the instances, and drops instances of meshes without a triangle. */
 static enum bvhd_status make_bottoms(struct reader *reader)
 {
     struct import *import = reader->import;
     uint32_t kept = 0;
     uint64_t skipped = 0;
-    import->bottoms = memory_array(import->memory, (uint64_t)mesh_count(reader) + 1, sizeof *import->bottoms);
+    import->bottoms = memory_array(import->memory, (uint64_t)reader->forms.count + 1, sizeof *import->bottoms);
     if (!import->bottoms)
         return gltf_no_memory(&reader->file);
     for (uint32_t i = 0; i < import->instance_count; i++) {
         struct import_instance instance = import->instances[i];
-        uint32_t mesh = instance.bottom;
-        if (!has_triangles(reader, mesh))
+        const struct form_use *use = &reader->uses[instance.bottom];
+        if (!has_triangles(reader, use))
             continue;
-        if (!reader->bottoms[mesh] && !add_bottom(reader, mesh))
+        if (!use->bottom && !add_bottom(reader, instance.bottom))
             return gltf_no_memory(&reader->file);
-        instance.bottom = reader->bottoms[mesh] - 1;
+        instance.bottom = use->bottom - 1;
         skipped += instance.skipped;
         import->instances[kept++] = instance;
     }
@@ -158,35 +201,40 @@ static enum bvhd_status make_bottoms(struct reader *reader)
     return BVHD_OK;
 }
 
-static bool make_tables(struct reader *reader)
+/* Makes the list of the forms of each mesh. */
+static enum bvhd_status make_lists(struct reader *reader)
 {
     uint64_t count = (uint64_t)mesh_count(reader) + 1;
-    struct memory *memory = reader->file.memory;
-    reader->uses = memory_array(memory, count, sizeof *reader->uses);
-    reader->first = memory_array(memory, count, sizeof *reader->first);
-    reader->counts = memory_array(memory, count, sizeof *reader->counts);
-    reader->bottoms = memory_array(memory, count, sizeof *reader->bottoms);
-    if (!reader->uses || !reader->first || !reader->counts || !reader->bottoms)
-        return false;
+    reader->forms.lists = memory_array(reader->file.memory, count, sizeof *reader->forms.lists);
+    if (!reader->forms.lists)
+        return gltf_no_memory(&reader->file);
+    memset(reader->forms.lists, 0, count * sizeof *reader->forms.lists);
+    return BVHD_OK;
+}
+
+/* Makes the uses of the forms, after the walk. */
+static enum bvhd_status make_uses(struct reader *reader)
+{
+    uint64_t count = (uint64_t)reader->forms.count + 1;
+    reader->uses = memory_array(reader->file.memory, count, sizeof *reader->uses);
+    if (!reader->uses)
+        return gltf_no_memory(&reader->file);
     memset(reader->uses, 0, count * sizeof *reader->uses);
-    memset(reader->first, 0, count * sizeof *reader->first);
-    memset(reader->counts, 0, count * sizeof *reader->counts);
-    memset(reader->bottoms, 0, count * sizeof *reader->bottoms);
-    return true;
+    return BVHD_OK;
 }
 
 static void free_tables(struct reader *reader)
 {
+    gltf_pose_finish(&reader->file, &reader->pose);
+    memory_free(reader->file.memory, reader->forms.items);
+    memory_free(reader->file.memory, reader->forms.lists);
     memory_free(reader->file.memory, reader->uses);
-    memory_free(reader->file.memory, reader->first);
-    memory_free(reader->file.memory, reader->counts);
-    memory_free(reader->file.memory, reader->bottoms);
 }
 
-static void count_animations(const struct gltf_file *file)
+/* Counts the animations but the one that the pose is of. */
+static void count_animations(const struct reader *reader)
 {
-    struct gltf_value root = {.json = file->root, .index = -1}, animations = gltf_member(&root, "animations");
-    file->counts->animations += cJSON_IsArray(animations.json) ? (uint64_t)cJSON_GetArraySize(animations.json) : 0;
+    reader->file.counts->animations += reader->file.lists[GLTF_ANIMATIONS].count - reader->pose.has_animation;
 }
 
 static enum bvhd_status no_triangles(const struct reader *reader)
@@ -200,29 +248,43 @@ static enum bvhd_status no_triangles(const struct reader *reader)
                        (unsigned long long)counts->positionless);
 }
 
-static enum bvhd_status read_scene(struct reader *reader, const char *scene)
+/* Reads the nodes of the chosen scenes, in the pose of the moment if there is one. */
+static enum bvhd_status read_nodes(struct reader *reader)
 {
+    const struct import_moment *moment = reader->wish->moment;
     uint32_t chosen = 0;
-    enum bvhd_status status = make_tables(reader) ? BVHD_OK : gltf_no_memory(&reader->file);
+    enum bvhd_status status = make_lists(reader);
     if (!status)
-        status = gltf_scenes_choose(&reader->file, scene, reader->import, &chosen);
+        status = gltf_scenes_choose(&reader->file, reader->wish->scene, reader->import, &chosen);
+    if (!status && moment)
+        status = gltf_pose_read(&reader->file, moment, &reader->pose);
     if (!status)
-        status = gltf_nodes_walk(&reader->file, chosen, reader->import, reader->uses);
+        status = gltf_nodes_walk(&reader->file, chosen, moment ? &reader->pose : NULL, reader->import, &reader->forms);
+    return status ? status : make_uses(reader);
+}
+
+static enum bvhd_status read_scene(struct reader *reader)
+{
+    enum bvhd_status status = read_nodes(reader);
     if (!status)
         status = read_meshes(reader);
     if (!status && reader->import->wants_looks)
         status = read_looks(reader);
+    if (!status && reader->wish->moment)
+        status = apply_pose(reader);
     if (!status)
         status = make_bottoms(reader);
     if (!status && reader->import->triangle_count == 0)
         return no_triangles(reader);
-    count_animations(&reader->file);
-    reader->import->has_second_reader = !scene && reader->file.lists[GLTF_SCENES].count == 1;
+    if (!status)
+        count_animations(reader);
+    reader->import->has_second_reader =
+        !reader->wish->scene && !reader->wish->moment && reader->file.lists[GLTF_SCENES].count == 1;
     return status;
 }
 
 /* Reads an opened file, or finds the reason to leave it to assimp. */
-static enum bvhd_status read_opened(struct reader *reader, const char *scene, const char **ret_foreign)
+static enum bvhd_status read_opened(struct reader *reader, const char **ret_foreign)
 {
     enum gltf_draco draco = GLTF_NO_DRACO;
     enum bvhd_status status = gltf_extensions_check(&reader->file);
@@ -231,18 +293,18 @@ static enum bvhd_status read_opened(struct reader *reader, const char *scene, co
     if (status)
         return status;
     if (draco == GLTF_NO_DRACO)
-        return read_scene(reader, scene);
+        return read_scene(reader);
     *ret_foreign = draco == GLTF_DRACO_WIDE
                        ? "KHR_draco_mesh_compression with indices of 32 bits, which assimp does not decode up to 5.4"
                        : "KHR_draco_mesh_compression, which assimp reads";
     status = gltf_extensions_check_draco(&reader->file);
-    return status ? status : gltf_scenes_check_foreign(&reader->file, scene);
+    return status ? status : gltf_scenes_check_foreign(&reader->file, reader->wish->scene);
 }
 
-enum bvhd_status gltf_read(const char *path, const char *scene, struct import_files *files, struct import *import,
-                           const char **ret_foreign, struct bvhd_error *error)
+enum bvhd_status gltf_read(const char *path, const struct import_wish *wish, struct import_files *files,
+                           struct import *import, const char **ret_foreign, struct bvhd_error *error)
 {
-    struct reader reader = {.import = import};
+    struct reader reader = {.import = import, .wish = wish};
     reader.file = (struct gltf_file){
         .path = path, .memory = import->memory, .files = files, .counts = &import->counts, .error = error};
     *ret_foreign = NULL;
@@ -250,7 +312,7 @@ enum bvhd_status gltf_read(const char *path, const char *scene, struct import_fi
     if (!status && reader.file.is_old)
         *ret_foreign = "glTF 1.0, which assimp reads";
     else if (!status)
-        status = read_opened(&reader, scene, ret_foreign);
+        status = read_opened(&reader, ret_foreign);
     free_tables(&reader);
     gltf_file_close(&reader.file);
     return status;

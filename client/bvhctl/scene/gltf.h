@@ -16,13 +16,13 @@
 bool gltf_is_file(const char *path);
 
 /*
- * Reads a file into an import whose name and memory are set; import_finish frees what was made, also after an error.
- * `scene` is the name or the number of a scene, or NULL. Files that are read are recorded in `files`.
+ * Reads what is wished of a file into an import whose name, memory and wants_looks are set; import_finish frees what
+ * was made, also after an error. Files that are read are recorded in `files`.
  *
  * *ret_foreign is NULL, or is a clause that says why this reader leaves the file to assimp: it is of glTF 1.0, or has
  * meshes that are only there as KHR_draco_mesh_compression. Of the import, only its counts are changed then.
  */
-enum bvhd_status gltf_read(const char *path, const char *scene, struct import_files *files, struct import *import,
-                           const char **ret_foreign, struct bvhd_error *error);
+enum bvhd_status gltf_read(const char *path, const struct import_wish *wish, struct import_files *files,
+                           struct import *import, const char **ret_foreign, struct bvhd_error *error);
 
 #endif

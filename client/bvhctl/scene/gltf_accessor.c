@@ -41,17 +41,22 @@ static enum bvhd_status read_component(const struct gltf_file *file, const struc
                : gltf_refuse(file, BVHD_INVALID, &place, "%u is not known", (unsigned)number);
 }
 
-static enum bvhd_status read_type(const struct gltf_file *file, const struct gltf_value *accessor,
+/* Matrices are another matter: see gltf_accessor_open_matrices. */
+static enum bvhd_status read_type(const struct gltf_file *file, const struct gltf_value *accessor, bool is_matrix,
                                   uint32_t *ret_components)
 {
     static const char *const names[] = {"SCALAR", "VEC2", "VEC3", "VEC4"};
     const char *type = gltf_text(accessor, "type");
+    struct gltf_value place = gltf_member(accessor, "type");
+    if (is_matrix) {
+        *ret_components = 16;
+        return type && !strcmp(type, "MAT4") ? BVHD_OK : gltf_refuse(file, BVHD_INVALID, &place, "it is not MAT4");
+    }
     for (uint32_t i = 0; type && i < 4; i++)
         if (!strcmp(type, names[i])) {
             *ret_components = i + 1;
             return BVHD_OK;
         }
-    struct gltf_value place = gltf_member(accessor, "type");
     return gltf_refuse(file, BVHD_INVALID, &place, "'%.20s' is none of SCALAR, VEC2, VEC3, VEC4", type ? type : "");
 }
 
@@ -134,14 +139,15 @@ static enum bvhd_status check_zeros(struct gltf_file *file, const struct gltf_va
     return BVHD_OK;
 }
 
-enum bvhd_status gltf_accessor_open(struct gltf_file *file, uint32_t index, struct gltf_accessor *ret_accessor)
+static enum bvhd_status open_accessor(struct gltf_file *file, uint32_t index, bool is_matrix,
+                                      struct gltf_accessor *ret_accessor)
 {
     struct gltf_value value = gltf_item(file, GLTF_ACCESSORS, index), place = gltf_member(&value, "normalized");
     struct gltf_accessor accessor = {.index = index, .is_normalized = cJSON_IsTrue(place.json)};
     uint64_t count = 0;
     enum bvhd_status status = read_component(file, &value, &accessor.component);
     if (!status)
-        status = read_type(file, &value, &accessor.components);
+        status = read_type(file, &value, is_matrix, &accessor.components);
     if (!status)
         status = gltf_integer(file, &value, "count", (struct gltf_range){0, UINT32_MAX - 1, true, 0}, &count);
     if (status)
@@ -156,6 +162,20 @@ enum bvhd_status gltf_accessor_open(struct gltf_file *file, uint32_t index, stru
     if (!status)
         status = check_zeros(file, &value, &accessor);
     *ret_accessor = accessor;
+    return status;
+}
+
+enum bvhd_status gltf_accessor_open(struct gltf_file *file, uint32_t index, struct gltf_accessor *ret_accessor)
+{
+    return open_accessor(file, index, false, ret_accessor);
+}
+
+enum bvhd_status gltf_accessor_open_matrices(struct gltf_file *file, uint32_t index, struct gltf_accessor *ret_accessor)
+{
+    struct gltf_value value = gltf_item(file, GLTF_ACCESSORS, index), place = gltf_member(&value, "componentType");
+    enum bvhd_status status = open_accessor(file, index, true, ret_accessor);
+    if (!status && ret_accessor->component != GLTF_FLOAT)
+        status = gltf_refuse(file, BVHD_INVALID, &place, "matrices are of floats");
     return status;
 }
 

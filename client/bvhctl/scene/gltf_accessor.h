@@ -27,7 +27,7 @@ struct gltf_elements {
 struct gltf_accessor {
     uint32_t index; /* in the list of accessors */
     enum gltf_component component;
-    uint32_t components; /* in an element: 1 to 4 */
+    uint32_t components; /* in an element: 1 to 4; 16 in a matrix */
     bool is_normalized;
     struct gltf_elements elements;
     /* the elements that replace others; their count is 0 unless the accessor is sparse */
@@ -40,6 +40,10 @@ struct gltf_accessor {
  * there.
  */
 enum bvhd_status gltf_accessor_open(struct gltf_file *file, uint32_t index, struct gltf_accessor *ret_accessor);
+
+/* Does the same for an accessor of matrices of four columns of four floats, which gltf_accessor_open refuses. */
+enum bvhd_status gltf_accessor_open_matrices(struct gltf_file *file, uint32_t index,
+                                             struct gltf_accessor *ret_accessor);
 
 /* Decodes all elements to floats; there are elements.count times `components` of them. */
 enum bvhd_status gltf_accessor_floats(const struct gltf_file *file, const struct gltf_accessor *accessor,

@@ -11,10 +11,10 @@ enum { GLB_MAGIC = 0x46546c67, CHUNK_JSON = 0x4e4f534a, CHUNK_BIN = 0x004e4942 }
 
 const char *gltf_list_text(enum gltf_list_name list)
 {
-    static const char *const names[GLTF_LISTS] = {[GLTF_ACCESSORS] = "accessors", [GLTF_BUFFER_VIEWS] = "bufferViews",
-                                                  [GLTF_BUFFERS] = "buffers",     [GLTF_MATERIALS] = "materials",
-                                                  [GLTF_MESHES] = "meshes",       [GLTF_NODES] = "nodes",
-                                                  [GLTF_SCENES] = "scenes"};
+    static const char *const names[GLTF_LISTS] = {
+        [GLTF_ACCESSORS] = "accessors", [GLTF_ANIMATIONS] = "animations", [GLTF_BUFFER_VIEWS] = "bufferViews",
+        [GLTF_BUFFERS] = "buffers",     [GLTF_MATERIALS] = "materials",   [GLTF_MESHES] = "meshes",
+        [GLTF_NODES] = "nodes",         [GLTF_SCENES] = "scenes",         [GLTF_SKINS] = "skins"};
     return names[list];
 }
 

@@ -15,12 +15,14 @@ struct cJSON;
 
 enum gltf_list_name {
     GLTF_ACCESSORS,
+    GLTF_ANIMATIONS,
     GLTF_BUFFER_VIEWS,
     GLTF_BUFFERS,
     GLTF_MATERIALS,
     GLTF_MESHES,
     GLTF_NODES,
     GLTF_SCENES,
+    GLTF_SKINS,
     GLTF_LISTS
 };
 

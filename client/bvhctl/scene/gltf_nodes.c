@@ -15,7 +15,8 @@ struct node_visit {
 struct walk {
     struct gltf_file *file;
     struct import *import;
-    struct gltf_use *uses;
+    struct gltf_pose *pose; /* NULL: at rest */
+    struct gltf_forms *forms;
     bool *is_reached; /* for each node */
     struct node_visit *stack;
     uint64_t depth, stack_capacity, instance_capacity;
@@ -50,7 +51,7 @@ static enum bvhd_status push(struct walk *walk, const struct gltf_value *place, 
 
 /* The values that all instances at one node share. */
 struct node_use {
-    uint32_t mesh, name;
+    uint32_t form, name;
 };
 
 static enum bvhd_status add_instance(struct walk *walk, const struct node_use *use, const struct gltf_matrix *world)
@@ -62,7 +63,7 @@ static enum bvhd_status add_instance(struct walk *walk, const struct node_use *u
         return gltf_no_memory(walk->file);
     import->instances = instances;
     struct import_instance *instance = &import->instances[import->instance_count++];
-    instance->bottom = use->mesh;
+    instance->bottom = use->form;
     instance->name = use->name;
     instance->skipped = !gltf_matrix_round(world, instance->transform);
     import->skipped_instances += instance->skipped;
@@ -148,23 +149,79 @@ static enum bvhd_status add_instanced(struct walk *walk, const struct gltf_value
     return status;
 }
 
+/* Adds a form of a mesh. Returns false if there is no memory. */
+static bool add_form(struct walk *walk, const struct gltf_form *form, uint32_t *ret_form)
+{
+    struct gltf_forms *forms = walk->forms;
+    struct gltf_form_list *list = &forms->lists[form->mesh];
+    void *items = forms->items;
+    if (forms->count == UINT32_MAX - 1 ||
+        !grow(walk->file->memory, &items, forms->count, &forms->capacity, sizeof *forms->items))
+        return false;
+    forms->items = items;
+    *ret_form = forms->count++;
+    forms->items[*ret_form] = *form;
+    if (list->last)
+        forms->items[list->last - 1].next = forms->count;
+    list->first = list->first ? list->first : forms->count;
+    list->last = forms->count;
+    return true;
+}
+
+/* Finds the form in which a node shows its mesh, or adds it. Returns false if there is no memory. */
+static bool find_form(struct walk *walk, const struct gltf_value *node, uint32_t index, uint32_t mesh,
+                      uint32_t *ret_form)
+{
+    struct gltf_form form = {.mesh = mesh, .first_node = index, .is_skinned = gltf_member(node, "skin").json != NULL};
+    uint32_t *common = &walk->forms->lists[mesh].common;
+    form.is_own = walk->pose &&
+                  (form.is_skinned || walk->pose->nodes[index].weights || gltf_member(node, "weights").json != NULL);
+    if (form.is_own)
+        return add_form(walk, &form, ret_form);
+    if (!*common && add_form(walk, &form, ret_form))
+        *common = *ret_form + 1;
+    if (!*common)
+        return false;
+    *ret_form = *common - 1;
+    walk->forms->items[*ret_form].is_skinned |= form.is_skinned;
+    return true;
+}
+
 static enum bvhd_status add_mesh(struct walk *walk, const struct gltf_value *node, uint32_t index,
                                  const struct gltf_matrix *world)
 {
     struct node_use at_node = {0};
     bool found;
-    struct gltf_value extensions;
-    enum bvhd_status status = gltf_reference(walk->file, node, "mesh", GLTF_MESHES, &at_node.mesh, &found);
+    uint32_t mesh;
+    struct gltf_value extensions, extension = gltf_extension(node, "EXT_mesh_gpu_instancing", &extensions);
+    enum bvhd_status status = gltf_reference(walk->file, node, "mesh", GLTF_MESHES, &mesh, &found);
     if (status || !found)
         return status;
-    if (!import_names_add(&walk->import->node_names, gltf_text(node, "name"), walk->file->memory, &at_node.name))
+    if (!import_names_add(&walk->import->node_names, gltf_text(node, "name"), walk->file->memory, &at_node.name) ||
+        !find_form(walk, node, index, mesh, &at_node.form))
         return gltf_no_memory(walk->file);
-    struct gltf_use *use = &walk->uses[at_node.mesh];
-    use->first_node = use->is_used ? use->first_node : index;
-    use->is_used = true;
-    use->is_skinned |= gltf_member(node, "skin").json != NULL;
-    struct gltf_value extension = gltf_extension(node, "EXT_mesh_gpu_instancing", &extensions);
-    return extension.json ? add_instanced(walk, &extension, &at_node, world) : add_instance(walk, &at_node, world);
+    bool is_skinned = walk->pose && walk->forms->items[at_node.form].is_skinned;
+    if (is_skinned && extension.json)
+        return gltf_refuse(walk->file, BVHD_UNSUPPORTED, &extension, "a skinned mesh is not instanced");
+    if (extension.json)
+        return add_instanced(walk, &extension, &at_node, world);
+    return add_instance(walk, &at_node, is_skinned ? &gltf_matrix_identity : world);
+}
+
+static enum bvhd_status place_node(struct walk *walk, const struct gltf_value *node, const struct node_visit *visit,
+                                   struct gltf_matrix *ret_world)
+{
+    struct gltf_posed_node *posed = walk->pose ? &walk->pose->nodes[visit->node] : NULL;
+    struct gltf_matrix local;
+    enum bvhd_status status = gltf_transform_read(walk->file, node, posed ? &posed->animated : NULL, &local);
+    if (status)
+        return status;
+    *ret_world = gltf_matrix_product(&visit->parent, &local);
+    if (posed) {
+        posed->is_placed = true;
+        posed->world = *ret_world;
+    }
+    return BVHD_OK;
 }
 
 /* Pushes nodes so that the first one is on top of the stack. */
@@ -198,12 +255,10 @@ static enum bvhd_status visit_all(struct walk *walk)
     while (walk->depth && !status) {
         struct node_visit visit = walk->stack[--walk->depth];
         struct gltf_value node = gltf_item(walk->file, GLTF_NODES, visit.node), children;
-        struct gltf_matrix local, world;
-        status = gltf_transform_read(walk->file, &node, &local);
-        if (status)
-            return status;
-        world = gltf_matrix_product(&visit.parent, &local);
-        status = add_mesh(walk, &node, visit.node, &world);
+        struct gltf_matrix world;
+        status = place_node(walk, &node, &visit, &world);
+        if (!status)
+            status = add_mesh(walk, &node, visit.node, &world);
         if (!status)
             status = gltf_array(walk->file, &node, "children", &children);
         if (!status)
@@ -269,11 +324,11 @@ static enum bvhd_status walk_scenes(struct walk *walk, uint32_t scene, bool *is_
     return status;
 }
 
-enum bvhd_status gltf_nodes_walk(struct gltf_file *file, uint32_t scene, struct import *import,
-                                 struct gltf_use *ret_uses)
+enum bvhd_status gltf_nodes_walk(struct gltf_file *file, uint32_t scene, struct gltf_pose *pose, struct import *import,
+                                 struct gltf_forms *ret_forms)
 {
     uint64_t count = file->lists[GLTF_NODES].count;
-    struct walk walk = {.file = file, .import = import, .uses = ret_uses};
+    struct walk walk = {.file = file, .import = import, .pose = pose, .forms = ret_forms};
     walk.is_reached = memory_array(file->memory, count + 1, sizeof *walk.is_reached);
     bool *is_child = memory_array(file->memory, count + 1, sizeof *is_child);
     enum bvhd_status status = walk.is_reached && is_child ? BVHD_OK : gltf_no_memory(file);

@@ -2,6 +2,7 @@
 #include "client/bvhctl/scene/gltf_transform.h"
 
 #include <math.h>
+#include <string.h>
 
 #include "builder/input/validate.h"
 
@@ -53,37 +54,50 @@ bool gltf_matrix_round(const struct gltf_matrix *matrix, float ret_rounded[12])
     return is_finite && validate_invertible(ret_rounded);
 }
 
-/* The file has columns of four, of which the last row is 0, 0, 0, 1. */
-static enum bvhd_status take_matrix(const struct gltf_file *file, const struct gltf_value *node,
-                                    const double columns[16], struct gltf_matrix *ret_matrix)
+bool gltf_matrix_from_columns(const double columns[16], struct gltf_matrix *ret_matrix)
 {
     static const double tolerance = 1e-5;
+    bool is_affine = true;
     for (int column = 0; column < 4; column++) {
-        for (int row = 0; row < 3; row++)
+        for (int row = 0; row < 3; row++) {
             ret_matrix->at[4 * row + column] = columns[4 * column + row];
-        if (fabs(columns[4 * column + 3] - (column == 3)) > tolerance) {
-            struct gltf_value place = gltf_member(node, "matrix");
-            return gltf_refuse(file, BVHD_INVALID, &place, "not affine: its last row is not 0, 0, 0, 1");
+            is_affine &= isfinite(columns[4 * column + row]) != 0;
         }
+        is_affine &= fabs(columns[4 * column + 3] - (column == 3)) <= tolerance;
     }
-    return BVHD_OK;
+    return is_affine;
+}
+
+static void animate(const struct gltf_animated *animated, struct gltf_trs *trs)
+{
+    if (animated->has_translation)
+        memcpy(trs->translation, animated->trs.translation, sizeof trs->translation);
+    if (animated->has_rotation)
+        memcpy(trs->rotation, animated->trs.rotation, sizeof trs->rotation);
+    if (animated->has_scale)
+        memcpy(trs->scale, animated->trs.scale, sizeof trs->scale);
 }
 
 enum bvhd_status gltf_transform_read(const struct gltf_file *file, const struct gltf_value *node,
-                                     struct gltf_matrix *ret_matrix)
+                                     const struct gltf_animated *animated, struct gltf_matrix *ret_matrix)
 {
     double columns[16];
     struct gltf_trs trs = gltf_trs_identity;
+    struct gltf_value place = gltf_member(node, "matrix");
     bool found;
     enum bvhd_status status = gltf_numbers(file, node, "matrix", 16, columns, &found);
     if (!status && found)
-        return take_matrix(file, node, columns, ret_matrix);
+        return gltf_matrix_from_columns(columns, ret_matrix)
+                   ? BVHD_OK
+                   : gltf_refuse(file, BVHD_INVALID, &place, "not affine: its last row is not 0, 0, 0, 1");
     if (!status)
         status = gltf_numbers(file, node, "translation", 3, trs.translation, NULL);
     if (!status)
         status = gltf_numbers(file, node, "rotation", 4, trs.rotation, NULL);
     if (!status)
         status = gltf_numbers(file, node, "scale", 3, trs.scale, NULL);
+    if (animated)
+        animate(animated, &trs);
     *ret_matrix = gltf_trs_matrix(&trs);
     return status;
 }

@@ -14,6 +14,12 @@ struct gltf_trs {
     double translation[3], rotation[4], scale[3]; /* the rotation is a quaternion: x, y, z, w */
 };
 
+/* What an animation says about the transform of a node; the file says the rest. */
+struct gltf_animated {
+    bool has_translation, has_rotation, has_scale;
+    struct gltf_trs trs;
+};
+
 extern const struct gltf_matrix gltf_matrix_identity;
 extern const struct gltf_trs gltf_trs_identity;
 
@@ -29,8 +35,14 @@ struct gltf_matrix gltf_matrix_product(const struct gltf_matrix *a, const struct
 /* Rounds to floats. Returns whether the result is finite and has an inverse. */
 bool gltf_matrix_round(const struct gltf_matrix *matrix, float ret_rounded[12]);
 
-/* Reads "matrix" of a node, or else "translation", "rotation" and "scale". */
+/* Takes a matrix of four columns of four. Returns false if it is not finite, or its last row is not 0, 0, 0, 1. */
+bool gltf_matrix_from_columns(const double columns[16], struct gltf_matrix *ret_matrix);
+
+/*
+ * Reads "matrix" of a node, or else "translation", "rotation" and "scale", of which `animated`, which may be NULL,
+ * replaces some.
+ */
 enum bvhd_status gltf_transform_read(const struct gltf_file *file, const struct gltf_value *node,
-                                     struct gltf_matrix *ret_matrix);
+                                     const struct gltf_animated *animated, struct gltf_matrix *ret_matrix);
 
 #endif

@@ -202,7 +202,7 @@ static const struct aiScene *read_polygons(const char *path, struct import_files
     return scene;
 }
 
-static enum bvhd_status read_by_assimp(const char *path, const char *ignored, struct import_files *files,
+static enum bvhd_status read_by_assimp(const char *path, const struct import_wish *ignored, struct import_files *files,
                                        struct import *import, struct bvhd_error *error)
 {
     (void)ignored;
@@ -227,7 +227,7 @@ static enum bvhd_status read_by_assimp(const char *path, const char *ignored, st
     return status;
 }
 
-static enum bvhd_status read_scene(const char *path, const char *scene, struct import_files *files,
+static enum bvhd_status read_scene(const char *path, const struct import_wish *wish, struct import_files *files,
                                    struct import *import, struct bvhd_error *error)
 {
     struct stat file;
@@ -237,32 +237,34 @@ static enum bvhd_status read_scene(const char *path, const char *scene, struct i
         return bvhd_error_set(error, BVHD_NOT_FOUND, path, "no such file");
     bool is_gltf = gltf_is_file(path);
     if (is_gltf)
-        status = gltf_read(path, scene, files, import, &foreign, error);
+        status = gltf_read(path, wish, files, import, &foreign, error);
     if (is_gltf && !foreign)
         import->reader = IMPORT_BY_GLTF;
     if (status || (is_gltf && !foreign))
         return status;
-    if (scene)
+    if (wish->scene)
         return bvhd_error_set(error, BVHD_NOT_FOUND, path,
-                              "it has no scene '%.60s': only glTF 2.0 has scenes to choose", scene);
-    status = read_by_assimp(path, scene, files, import, error);
+                              "it has no scene '%.60s': only glTF 2.0 has scenes to choose", wish->scene);
+    if (wish->moment)
+        return bvhd_error_set(error, BVHD_NOT_FOUND, path, "it has no moments: only animations of glTF 2.0 are read");
+    status = read_by_assimp(path, wish, files, import, error);
     if (status && foreign && error)
         return bvhd_error_set(error, status, path, "%s: %.90s", foreign, error->text);
     return status;
 }
 
 /* Reads a file by `read`, and completes the import. */
-static enum bvhd_status read_by(const char *path, const char *scene, bool wants_looks, struct memory *memory,
-                                enum bvhd_status (*read)(const char *, const char *, struct import_files *,
-                                                         struct import *, struct bvhd_error *),
+static enum bvhd_status read_by(const char *path, const struct import_wish *wish, struct memory *memory,
+                                enum bvhd_status (*read)(const char *, const struct import_wish *,
+                                                         struct import_files *, struct import *, struct bvhd_error *),
                                 struct import *ret_import, struct bvhd_error *error)
 {
-    struct import import = {.memory = memory, .name = import_name(path, memory), .wants_looks = wants_looks};
+    struct import import = {.memory = memory, .name = import_name(path, memory), .wants_looks = wish->wants_looks};
     if (!import.name)
         return no_memory(path, error);
     struct import_files files;
     import_files_init(&files, memory);
-    enum bvhd_status status = read(path, scene, &files, &import, error);
+    enum bvhd_status status = read(path, wish, &files, &import, error);
     if (!status && files.failed)
         status = no_memory(path, error);
     import.files = files.paths;
@@ -274,22 +276,28 @@ static enum bvhd_status read_by(const char *path, const char *scene, bool wants_
     return status;
 }
 
+enum bvhd_status import_read_as(const char *path, const struct import_wish *wish, struct memory *memory,
+                                struct import *ret_import, struct bvhd_error *error)
+{
+    return read_by(path, wish, memory, read_scene, ret_import, error);
+}
+
 enum bvhd_status import_read(const char *path, const char *scene, struct memory *memory, struct import *ret_import,
                              struct bvhd_error *error)
 {
-    return read_by(path, scene, false, memory, read_scene, ret_import, error);
+    return import_read_as(path, &(struct import_wish){.scene = scene}, memory, ret_import, error);
 }
 
 enum bvhd_status import_read_with_looks(const char *path, const char *scene, struct memory *memory,
                                         struct import *ret_import, struct bvhd_error *error)
 {
-    return read_by(path, scene, true, memory, read_scene, ret_import, error);
+    return import_read_as(path, &(struct import_wish){.scene = scene, .wants_looks = true}, memory, ret_import, error);
 }
 
-enum bvhd_status import_read_by_assimp(const char *path, const char *scene, struct memory *memory,
+enum bvhd_status import_read_by_assimp(const char *path, const struct import_wish *wish, struct memory *memory,
                                        struct import *ret_import, struct bvhd_error *error)
 {
-    return read_by(path, scene, false, memory, read_by_assimp, ret_import, error);
+    return read_by(path, wish, memory, read_by_assimp, ret_import, error);
 }
 
 static void finish_meshes(struct import *import)

@@ -68,10 +68,32 @@ struct import {
     bool has_source; /* it is one chosen scene of the file: */
     uint32_t source_number; /* its number, from 0 */
     char *source_name; /* and its name, which may be ""; may be NULL without has_source */
+    bool has_moment; /* it is at a moment of an animation: */
+    double time; /* in seconds */
+    bool has_animation; /* the file has one: */
+    uint32_t animation; /* its number, from 0 */
     bool has_second_reader; /* import_scene_by_assimp reads the same of this file, if neither reader is wrong */
     void *block; /* everything else points into this one block from memory; NULL: each array is a block of its own */
     enum import_reader reader;
     struct memory *memory;
+};
+
+/* A moment of an animation of a glTF file. */
+struct import_moment {
+    double time; /* in seconds, finite; before the first key and after the last one the values of these hold */
+    const char *animation; /* its name, or else its number from 0; NULL: the first one, if the file has any */
+};
+
+/* What is read of a scene file. */
+struct import_wish {
+    const char *scene; /* as in import_scene */
+    /*
+     * NULL: everything is at rest. Otherwise nodes are where the animation has them, and skins and morph targets are
+     * applied: each node that has a skin or weights of its own gets a bottom level of its own, whose vertices are, for
+     * a skin, in world space
+     */
+    const struct import_moment *moment;
+    bool wants_looks; /* what meshes look like is read, too; only the reader of glTF does it */
 };
 
 /*
@@ -90,7 +112,11 @@ struct import {
 enum bvhd_status import_scene(const char *path, const char *scene, struct memory *memory, struct import *ret_import,
                               struct bvhd_error *error);
 
-/* Does the same, and reads what the meshes look like. Only the reader of glTF does; looks of other files stay empty. */
+/* Does the same for any wish. BVHD_NOT_FOUND also when a file that is not glTF 2.0 is to be read at a moment. */
+enum bvhd_status import_scene_as(const char *path, const struct import_wish *wish, struct memory *memory,
+                                 struct import *ret_import, struct bvhd_error *error);
+
+/* Does the same, and reads what the meshes look like. */
 enum bvhd_status import_scene_with_looks(const char *path, const char *scene, struct memory *memory,
                                          struct import *ret_import, struct bvhd_error *error);
 
@@ -108,12 +134,16 @@ enum bvhd_status import_scene_by_assimp(const char *path, struct memory *memory,
 enum bvhd_status import_read(const char *path, const char *scene, struct memory *memory, struct import *ret_import,
                              struct bvhd_error *error);
 
+/* Does the same as import_scene_as in this process. */
+enum bvhd_status import_read_as(const char *path, const struct import_wish *wish, struct memory *memory,
+                                struct import *ret_import, struct bvhd_error *error);
+
 /* Does the same as import_scene_with_looks in this process. */
 enum bvhd_status import_read_with_looks(const char *path, const char *scene, struct memory *memory,
                                         struct import *ret_import, struct bvhd_error *error);
 
-/* Does the same as import_scene_by_assimp in this process. `scene` is ignored. */
-enum bvhd_status import_read_by_assimp(const char *path, const char *scene, struct memory *memory,
+/* Does the same as import_scene_by_assimp in this process. The wish is ignored. */
+enum bvhd_status import_read_by_assimp(const char *path, const struct import_wish *wish, struct memory *memory,
                                        struct import *ret_import, struct bvhd_error *error);
 
 /* NULL-safe, idempotent. */

@@ -7,6 +7,7 @@ const struct import_count_kind import_count_kinds[IMPORT_COUNT_KINDS] = {
     {"skins", "skinned mesh is built at rest", "skinned meshes are built at rest"},
     {"morphs", "morph target is left out", "morph targets are left out"},
     {"animations", "animation is left out", "animations are left out"},
+    {"channels", "channel of the animation is left out", "channels of the animation are left out"},
     {"incomplete", "primitive ends with corners that make no triangle",
      "primitives end with corners that make no triangle"},
     {"positionless", "primitive has no positions and is left out", "primitives have no positions and are left out"},
@@ -33,10 +34,10 @@ const struct import_count_kind import_count_kinds[IMPORT_COUNT_KINDS] = {
 uint64_t import_counts_get(const struct import_counts *counts, int kind)
 {
     const uint64_t values[IMPORT_COUNT_KINDS] = {
-        counts->points,       counts->lines,         counts->skins,          counts->morphs,     counts->animations,
-        counts->incomplete,   counts->positionless,  counts->meshes,         counts->nodes,      counts->scenes,
-        counts->extensions,   counts->bounds,        counts->empty_faces,    counts->fanned,     counts->lost,
-        counts->unknown_rows, counts->unknown_lines, counts->unknown_chunks, counts->extra_bytes};
+        counts->points,   counts->lines,        counts->skins,         counts->morphs,         counts->animations,
+        counts->channels, counts->incomplete,   counts->positionless,  counts->meshes,         counts->nodes,
+        counts->scenes,   counts->extensions,   counts->bounds,        counts->empty_faces,    counts->fanned,
+        counts->lost,     counts->unknown_rows, counts->unknown_lines, counts->unknown_chunks, counts->extra_bytes};
     return values[kind];
 }
 

@@ -13,6 +13,7 @@ struct import_counts {
     uint64_t points, lines; /* faces with one or two corners */
     uint64_t skins, morphs; /* meshes with bones, morph targets */
     uint64_t animations; /* the scene is built as it is without them */
+    uint64_t channels; /* of the animation that is read, for properties that only extensions know */
     uint64_t incomplete; /* lists, strips and fans of triangles whose last corners make no triangle */
     uint64_t positionless; /* primitives without positions */
     uint64_t meshes; /* that no node has */
@@ -29,7 +30,7 @@ struct import_counts {
     uint64_t extra_bytes; /* after the rows that the header of a PLY file describes, or after the length of a GLB */
 };
 
-enum { IMPORT_COUNT_KINDS = 19 };
+enum { IMPORT_COUNT_KINDS = 20 };
 
 /* Kinds 0 to 3 are points, lines, skins and morphs. */
 struct import_count_kind {

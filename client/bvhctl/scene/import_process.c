@@ -123,10 +123,11 @@ static void put_import(struct file_writer *writer, const struct import *import)
 
 /* How a file is read. */
 struct job {
-    const char *path, *scene;
+    const char *path;
+    const struct import_wish *wish;
     const char *who; /* for messages */
-    enum bvhd_status (*read)(const char *path, const char *scene, struct memory *memory, struct import *ret_import,
-                             struct bvhd_error *error);
+    enum bvhd_status (*read)(const char *path, const struct import_wish *wish, struct memory *memory,
+                             struct import *ret_import, struct bvhd_error *error);
     struct memory *memory;
     bool has_own_reader; /* assimp reads it only if that reader passes it on */
 };
@@ -137,7 +138,7 @@ struct job {
 __attribute__((noreturn)) static void read_in_child(const struct job *job, bool is_twin, int descriptor)
 {
     struct outcome outcome = {0};
-    enum bvhd_status status = job->read(job->path, job->scene, job->memory, &outcome.import, &outcome.error);
+    enum bvhd_status status = job->read(job->path, job->wish, job->memory, &outcome.import, &outcome.error);
     outcome.error.status = status;
     memory_explain(job->memory, &outcome.error);
     if (!status && outcome.import.reader == IMPORT_BY_ASSIMP)
@@ -463,28 +464,32 @@ enum bvhd_status import_scene_by_assimp(const char *path, struct memory *memory,
                                         struct bvhd_error *error)
 {
     struct bvhd_error ignored;
-    const struct job job = {path, NULL, "assimp", import_read_by_assimp, memory, false};
+    const struct import_wish wish = {0};
+    const struct job job = {path, &wish, "assimp", import_read_by_assimp, memory, false};
     return import_in_children(&job, ret_import, error ? error : &ignored);
+}
+
+enum bvhd_status import_scene_as(const char *path, const struct import_wish *wish, struct memory *memory,
+                                 struct import *ret_import, struct bvhd_error *error)
+{
+    struct bvhd_error ignored;
+    error = error ? error : &ignored;
+    if (!wish->scene && !wish->moment && ply_is_file(path))
+        return ply_import(path, memory, ret_import, error);
+    bool is_gltf = gltf_is_file(path);
+    const struct job job = {path, wish, is_gltf ? "the reader of glTF" : "assimp", import_read_as, memory, is_gltf};
+    return import_in_children(&job, ret_import, error);
 }
 
 enum bvhd_status import_scene(const char *path, const char *scene, struct memory *memory, struct import *ret_import,
                               struct bvhd_error *error)
 {
-    struct bvhd_error ignored;
-    error = error ? error : &ignored;
-    if (!scene && ply_is_file(path))
-        return ply_import(path, memory, ret_import, error);
-    bool is_gltf = gltf_is_file(path);
-    const struct job job = {path, scene, is_gltf ? "the reader of glTF" : "assimp", import_read, memory, is_gltf};
-    return import_in_children(&job, ret_import, error);
+    return import_scene_as(path, &(struct import_wish){.scene = scene}, memory, ret_import, error);
 }
 
 enum bvhd_status import_scene_with_looks(const char *path, const char *scene, struct memory *memory,
                                          struct import *ret_import, struct bvhd_error *error)
 {
-    struct bvhd_error ignored;
-    if (!gltf_is_file(path))
-        return import_scene(path, scene, memory, ret_import, error);
-    const struct job job = {path, scene, "the reader of glTF", import_read_with_looks, memory, true};
-    return import_in_children(&job, ret_import, error ? error : &ignored);
+    const struct import_wish wish = {.scene = scene, .wants_looks = true};
+    return import_scene_as(path, &wish, memory, ret_import, error);
 }

@@ -101,6 +101,18 @@ static void write_meshes_left_out(struct json *json, const struct import *import
     memory_free(import->memory, is_geometry);
 }
 
+/* Writes at which moment of which animation the file was read. */
+static void write_moment(struct json *json, const struct import *import)
+{
+    json_object(json, "source_moment");
+    json_number(json, "time", import->time);
+    if (import->has_animation)
+        json_integer(json, "animation", import->animation);
+    else
+        json_null(json, "animation");
+    json_object_end(json);
+}
+
 /* Writes which scene of the file was chosen, and numbers of what is left out, as far as there is anything to say. */
 static void write_source(struct json *json, const struct import *import)
 {
@@ -110,6 +122,8 @@ static void write_source(struct json *json, const struct import *import)
         json_text(json, "name", import->source_name);
         json_object_end(json);
     }
+    if (import->has_moment)
+        write_moment(json, import);
     manifest_write_left_out(json, &import->counts);
     write_meshes_left_out(json, import);
 }

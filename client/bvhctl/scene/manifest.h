@@ -58,6 +58,10 @@ struct manifest_entry {
     bool has_source; /* it was built from one chosen scene of its file: */
     uint32_t source_number; /* its number, from 0 */
     char *source_name; /* and its name; NULL if it has none */
+    bool has_moment; /* it was built at a moment of an animation of its file: */
+    double moment; /* in seconds */
+    bool has_animation; /* the file had one: */
+    uint32_t animation; /* its number, from 0 */
     char *source_file; /* of a top level: the name of the scene's file, without its folder; NULL if it is not known */
     char **handles; /* of a top level: files, in the order of its handles */
     uint32_t handle_count;
@@ -87,6 +91,15 @@ enum bvhd_status manifest_read_built(const struct built *built, struct memory *m
  * there is none, or it is not clear which.
  */
 const struct manifest_entry *manifest_find_top(const struct manifest *manifest, const char *file, const char *scene);
+
+/* How the scene of a top level is read from its file again. It points into itself, so that it must not be moved. */
+struct manifest_wish {
+    struct import_wish wish;
+    struct import_moment moment;
+    char scene[16], animation[16]; /* numbers */
+};
+
+void manifest_wish_init(struct manifest_wish *wish, const struct manifest_entry *top);
 
 /* NULL-safe, idempotent. */
 void manifest_finish(struct manifest *manifest);

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include <cjson/cJSON.h>
+#include <math.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -103,6 +104,34 @@ static enum bvhd_status read_source(const struct manifest_reader *reader, const 
     return BVHD_OK;
 }
 
+static enum bvhd_status read_moment(const struct manifest_reader *reader, const cJSON *object,
+                                    struct manifest_entry *entry)
+{
+    const cJSON *moment = cJSON_GetObjectItemCaseSensitive(object, "source_moment");
+    const cJSON *time = cJSON_GetObjectItemCaseSensitive(moment, "time");
+    const cJSON *animation = cJSON_GetObjectItemCaseSensitive(moment, "animation");
+    if (!moment)
+        return BVHD_OK;
+    bool is_number = cJSON_IsNumber(animation) && animation->valuedouble >= 0 && animation->valuedouble < UINT32_MAX;
+    if (!cJSON_IsNumber(time) || !isfinite(time->valuedouble) || !(is_number || cJSON_IsNull(animation)))
+        return corrupt(reader, "source_moment", "without a time and an animation");
+    entry->has_moment = true;
+    entry->moment = time->valuedouble;
+    entry->has_animation = is_number;
+    entry->animation = is_number ? (uint32_t)animation->valuedouble : 0;
+    return BVHD_OK;
+}
+
+void manifest_wish_init(struct manifest_wish *wish, const struct manifest_entry *top)
+{
+    *wish = (struct manifest_wish){.moment.time = top->moment};
+    snprintf(wish->scene, sizeof wish->scene, "%u", top->source_number);
+    snprintf(wish->animation, sizeof wish->animation, "%u", top->animation);
+    wish->moment.animation = top->has_animation ? wish->animation : NULL;
+    wish->wish.scene = top->has_source ? wish->scene : NULL;
+    wish->wish.moment = top->has_moment ? &wish->moment : NULL;
+}
+
 static struct manifest_colour read_colour(const cJSON *geometry)
 {
     struct manifest_colour colour;
@@ -155,6 +184,8 @@ static enum bvhd_status read_entry(const struct manifest_reader *reader, const c
         status = read_colours(reader, object, entry);
     if (!status)
         status = read_source(reader, object, entry);
+    if (!status)
+        status = read_moment(reader, object, entry);
     if (status)
         return status;
     entry->bytes = read_bytes(object);

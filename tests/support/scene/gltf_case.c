@@ -111,6 +111,85 @@ static void put_meshopt(struct bin *bin)
     put_compressed(bin, later, sizeof later, 4, 12, ext, "'mode':'ATTRIBUTES'");
 }
 
+/*
+ * Views 23 to 34: times; values of translations, rotations, rotations as integers, a cubic spline that is the square of
+ * the time, weights; displacements; an index and a value of sparse ones; joints, weights, inverse bind matrices.
+ */
+static void put_animation(struct bin *bin)
+{
+    static const float times[3] = {0, 1, 3}, translations[3][3] = {{0, 0, 0}, {10, 0, 0}, {10, 0, -6}};
+    static const float half = 0.70710678f, weights[3][2] = {{0, 0}, {1, 0}, {0.5f, 2}};
+    const float rotations[3][4] = {{0, 0, 0, 1}, {0, 0, half, half}, {0, 0, 1, 0}};
+    static const int16_t integers[3][4] = {{0, 0, 0, 32767}, {0, 0, 23170, 23170}, {0, 0, 32767, 0}};
+    static const float spline[9][3] = {
+        [4] = {1, 0, 0}, [3] = {2, 0, 0}, [5] = {2, 0, 0}, [6] = {6, 0, 0}, [7] = {9, 0, 0}};
+    static const float lifts[4][3] = {{0, 0, 1}, {0, 0, 1}, {0, 0, 1}, {0, 0, 1}}, sparse[3] = {4, 5, 0};
+    static const uint16_t sparse_index[1] = {2};
+    static const uint8_t joints[4][4] = {{0}, {0}, {1}, {0, 1}};
+    static const float shares[4][4] = {{1}, {1}, {1}, {0.25f, 0.25f}};
+    static const float binds[2][16] = {{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1},
+                                       {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, -3, 0, 1}};
+    put(bin, times, sizeof times, "");
+    put(bin, translations, sizeof translations, "");
+    put(bin, rotations, sizeof rotations, "");
+    put(bin, integers, sizeof integers, "");
+    put(bin, spline, sizeof spline, "");
+    put(bin, weights, sizeof weights, "");
+    put(bin, lifts, sizeof lifts, "");
+    put(bin, sparse_index, sizeof sparse_index, "");
+    put(bin, sparse, sizeof sparse, "");
+    put(bin, joints, sizeof joints, "");
+    put(bin, shares, sizeof shares, "");
+    put(bin, binds, sizeof binds, "");
+}
+
+/*
+ * Views 35 to 43, each with a mistake: times that stand still, that are no numbers, that are negative; a joint that is
+ * not there; weights that are all zero, or negative; weights as integers, without one; a value that is infinite; a
+ * matrix that is not affine.
+ */
+static void put_mistakes(struct bin *bin)
+{
+    static const float equal[3] = {0, 1, 1}, negative[3] = {-1, 0, 1}, matrix[32] = {[3] = 1};
+    const float nan[3] = {0, NAN, 2}, infinite[3][3] = {{0, 0, 0}, {0, INFINITY, 0}, {0, 0, 0}};
+    static const uint8_t beyond[4][4] = {{0}, {0}, {1}, {0, 2}}, integers[4][4] = {{255}, {255}, {255}, {100, 100}};
+    static const float zero[4][4] = {{1}, {0}, {1}, {1}}, below[4][4] = {{1}, {1}, {1}, {2, -1}};
+    put(bin, equal, sizeof equal, "");
+    put(bin, nan, sizeof nan, "");
+    put(bin, negative, sizeof negative, "");
+    put(bin, beyond, sizeof beyond, "");
+    put(bin, zero, sizeof zero, "");
+    put(bin, below, sizeof below, "");
+    put(bin, integers, sizeof integers, "");
+    put(bin, infinite, sizeof infinite, "");
+    put(bin, matrix, sizeof matrix, "");
+}
+
+/* The accessors 10 to 30 of cases with animations: the views 23 to 43 in their order, 30 and 31 together. */
+static const char animation_accessors[] =
+    ",{'bufferView':23,'componentType':5126,'count':3,'type':'SCALAR'}"
+    ",{'bufferView':24,'componentType':5126,'count':3,'type':'VEC3'}"
+    ",{'bufferView':25,'componentType':5126,'count':3,'type':'VEC4'}"
+    ",{'bufferView':26,'componentType':5122,'normalized':true,'count':3,'type':'VEC4'}"
+    ",{'bufferView':27,'componentType':5126,'count':9,'type':'VEC3'}"
+    ",{'bufferView':28,'componentType':5126,'count':6,'type':'SCALAR'}"
+    ",{'bufferView':29,'componentType':5126,'count':4,'type':'VEC3'}"
+    ",{'componentType':5126,'count':4,'type':'VEC3','sparse':{'count':1,"
+    "'indices':{'bufferView':30,'componentType':5123},'values':{'bufferView':31}}}"
+    ",{'bufferView':32,'componentType':5121,'count':4,'type':'VEC4'}"
+    ",{'bufferView':33,'componentType':5126,'count':4,'type':'VEC4'}"
+    ",{'bufferView':34,'componentType':5126,'count':2,'type':'MAT4'}"
+    ",{'bufferView':35,'componentType':5126,'count':3,'type':'SCALAR'}"
+    ",{'bufferView':36,'componentType':5126,'count':3,'type':'SCALAR'}"
+    ",{'bufferView':37,'componentType':5126,'count':3,'type':'SCALAR'}"
+    ",{'bufferView':38,'componentType':5121,'count':4,'type':'VEC4'}"
+    ",{'bufferView':39,'componentType':5126,'count':4,'type':'VEC4'}"
+    ",{'bufferView':40,'componentType':5126,'count':4,'type':'VEC4'}"
+    ",{'bufferView':41,'componentType':5121,'normalized':true,'count':4,'type':'VEC4'}"
+    ",{'bufferView':42,'componentType':5126,'count':3,'type':'VEC3'}"
+    ",{'bufferView':43,'componentType':5126,'count':2,'type':'MAT4'}"
+    ",{'bufferView':34,'componentType':5126,'count':1,'type':'MAT4'}";
+
 /* The accessors that all cases have. 0 to 3: the quad and its indices. 4: rows. 5: a strip. 6 to 9: integers. */
 static const char accessors[] =
     "{'bufferView':0,'componentType':5126,'count':4,'type':'VEC3','min':[0,0,0],'max':[2,3,0]},"
@@ -171,12 +250,17 @@ size_t gltf_case_make(const struct gltf_case *gltf_case, uint8_t ret_bytes[GLTF_
     put_integers(&bin);
     put_others(&bin);
     put_meshopt(&bin);
+    if (gltf_case->is_animated) {
+        put_animation(&bin);
+        put_mistakes(&bin);
+    }
     snprintf(json, sizeof json,
              "{'asset':{'version':'2.0'},%s%s'nodes':[%s],'meshes':[{'name':'mesh','primitives':[%s]}],"
-             "'buffers':[{'byteLength':%zu},{'byteLength':999999}],'bufferViews':[%s%s],'accessors':[%s%s]}",
+             "'buffers':[{'byteLength':%zu},{'byteLength':999999}],'bufferViews':[%s%s],'accessors':[%s%s%s]}",
              or (gltf_case->scenes, "'scene':0,'scenes':[{'nodes':[0]}],"), or (gltf_case->more, ""),
              or (gltf_case->nodes, "{'mesh':0}"),
              or (gltf_case->primitives, "{'attributes':{'POSITION':0},'indices':1}"), bin.size, bin.views,
-             or (gltf_case->views, ""), accessors, or (gltf_case->accessors, ""));
+             or (gltf_case->views, ""), accessors, gltf_case->is_animated ? animation_accessors : "",
+             or (gltf_case->accessors, ""));
     return gltf_case_pack(json, bin.data, bin.size, ret_bytes);
 }

@@ -6,6 +6,7 @@
 #ifndef BVHD_GLTF_CASE_H
 #define BVHD_GLTF_CASE_H
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
@@ -21,6 +22,9 @@ struct gltf_case {
     const char *accessors, *views; /* more of them, after those that gltf_case.c lists */
     const char *nodes, *scenes, *more; /* `scenes` and `more`: whole members of the file, with commas behind them */
     const char *scene; /* to choose */
+    const char *at; /* the moment to read it at, in seconds; NULL: it is read at rest */
+    const char *animation; /* to choose */
+    bool is_animated; /* it has the views 23 and following that gltf_case.c lists for animations */
     enum bvhd_status status;
     const char *text; /* of the error: a part of "where: text" */
     uint32_t triangles, instances; /* 0: 2 and 1 */

@@ -16,6 +16,21 @@
 #define REPLACED "'bufferView':10,'componentType':5123"
 #define TWO "'scenes':[{'name':'day','nodes':[0]},{'name':'night','nodes':[1]}],"
 #define TWO_NODES "{'mesh':0},{'mesh':0,'translation':[10,0,0]}"
+/* Files with animations, which are read at a moment. */
+#define AT(seconds) .is_animated = true, .at = #seconds
+#define CHANNEL(node, path) "{'sampler':0,'target':{'node':" #node ",'path':'" path "'}}"
+#define SAMPLER(input, output) "{'input':" #input ",'output':" #output "}"
+#define ANIMATION(channels, samplers) \
+    "'animations':[{'name':'move','channels':[" channels "],'samplers':[" samplers "]}],"
+#define MOVES(node, path, output) .more = ANIMATION(CHANNEL(node, path), SAMPLER(10, output))
+#define MORPHED "{'attributes':{'POSITION':0},'indices':1,'targets':[{'POSITION':16},{'POSITION':17}]}"
+#define BONES(joints, weights) \
+    "{'attributes':{'POSITION':0,'JOINTS_0':" #joints ",'WEIGHTS_0':" #weights "},'indices':1}"
+#define SKELETON "{'mesh':0,'skin':0,'translation':[100,0,0]},{'translation':[1,0,0],'children':[2]}," \
+    "{'translation':[0,5,0]}"
+#define BOTH_ROOTS "'scenes':[{'nodes':[0,1]}],"
+#define SKIN(joints, binds) "'skins':[{'joints':[" joints "],'inverseBindMatrices':" #binds "}],"
+#define SKINNED .nodes = SKELETON, .scenes = BOTH_ROOTS, .more = SKIN("1,2", 20)
 
 const struct gltf_case gltf_cases[] = {
     /* Files that are built. */
@@ -94,6 +109,43 @@ const struct gltf_case gltf_cases[] = {
      .accessors = ",{'bufferView':0,'componentType':5126,'count':4,'type':'VEC3','min':[0,0,0],'max':[2,2.5,0]}"},
     {.name = "index in the middle", .primitives = INDICES,
      .accessors = ",{'bufferView':1,'byteOffset':6,'componentType':5123,'count':3,'type':'SCALAR'}", .triangles = 1},
+
+    /* The same at a moment of an animation. */
+    {.name = "moment of a file without animations", .at = "1.5"},
+    {.name = "animated translation", AT(0.5), MOVES(0, "translation", 11), .low = {5, 0, 0}, .high = {7, 3, 0}},
+    {.name = "animated translation, later", AT(2), MOVES(0, "translation", 11), .low = {10, 0, -3},
+     .high = {12, 3, -3}},
+    {.name = "before the first key", AT(-1), MOVES(0, "translation", 11)},
+    {.name = "after the last key", AT(9), MOVES(0, "translation", 11), .low = {10, 0, -6}, .high = {12, 3, -6}},
+    {.name = "steps", AT(2.9), .more = ANIMATION(CHANNEL(0, "translation"),
+     "{'input':10,'output':11,'interpolation':'STEP'}"), .low = {10, 0, 0}, .high = {12, 3, 0}},
+    {.name = "cubic spline", AT(2), .more = ANIMATION(CHANNEL(0, "translation"),
+     "{'input':10,'output':14,'interpolation':'CUBICSPLINE'}"), .low = {4, 0, 0}, .high = {6, 3, 0}},
+    {.name = "animated rotation", AT(0.5), MOVES(0, "rotation", 12), .low = {-2.1213203f, 0, 0},
+     .high = {1.4142136f, 3.5355339f, 0}},
+    {.name = "rotation as integers", AT(1), MOVES(0, "rotation", 13), .low = {-3, 0, 0}, .high = {0, 2, 0}},
+    {.name = "scale that is zero for a moment", AT(2), MOVES(1, "scale", 11), .nodes = "{'mesh':0,'children':[1]},"
+     "{'mesh':0}", .instances = 2, .skipped = 1},
+    {.name = "animation of a parent", AT(0.5), MOVES(0, "translation", 11), .nodes = "{'children':[1]},{'mesh':0}",
+     .low = {5, 0, 0}, .high = {7, 3, 0}},
+    {.name = "animated weights", AT(1), .primitives = MORPHED, MOVES(0, "weights", 15), .low = {0, 0, 1},
+     .high = {2, 3, 1}},
+    {.name = "animated weights of sparse targets", AT(3), .primitives = MORPHED, MOVES(0, "weights", 15),
+     .low = {0, 0, 0.5f}, .high = {10, 13, 0.5f}},
+    {.name = "weights of a mesh", AT(0), .primitives = MORPHED "],'weights':[2,0", .low = {0, 0, 2},
+     .high = {2, 3, 2}},
+    {.name = "weights of a node", AT(0), .primitives = MORPHED "],'weights':[2,0", .high = {6, 8, 0},
+     .nodes = "{'mesh':0,'weights':[0,1]}"},
+    {.name = "skin at a moment", AT(0), .primitives = BONES(18, 19), SKINNED, .low = {1, 0, 0}, .high = {3, 5, 0}},
+    {.name = "weights of joints as integers", AT(0), .primitives = BONES(18, 27), SKINNED, .low = {1, 0, 0},
+     .high = {3, 5, 0}},
+    {.name = "animated joint", AT(0.5), .primitives = BONES(18, 19), .nodes = SKELETON, .scenes = BOTH_ROOTS,
+     .more = SKIN("1,2", 20) ANIMATION(CHANNEL(2, "translation"), SAMPLER(10, 11)), .low = {1, 0, 0},
+     .high = {8, 1.5f, 0}},
+    {.name = "second animation by its name", AT(1), .animation = "b", .low = {10, 0, 0}, .high = {12, 3, 0},
+     .more = "'animations':[{},{'name':'b','channels':[" CHANNEL(0, "translation") "],'samplers':["
+     SAMPLER(10, 11) "]}],", .kind = "animations", .count = 1},
+    {.name = "channel of an extension", AT(1), MOVES(0, "pointer", 11), .kind = "channels", .count = 1},
 
     /* Files that are refused, with the place of the error. */
     {.name = "index beyond the vertices", .primitives = INDICES, .status = BVHD_INVALID,
@@ -246,6 +298,98 @@ const struct gltf_case gltf_cases[] = {
      "'extensions':{'KHR_draco_mesh_compression':{}}}", .accessors = ",{'componentType':5126,'count':3,'type':'VEC3'}",
      .more = "'extensionsRequired':['KHR_draco_mesh_compression','KHR_mesh_quantization'],",
      .status = BVHD_UNSUPPORTED, .text = "KHR_mesh_quantization together with KHR_draco_mesh_compression"},
+    {.name = "times that stand still", AT(1), .more = ANIMATION(CHANNEL(0, "translation"), SAMPLER(21, 11)),
+     .status = BVHD_INVALID, .text = "accessors[21]: time 1 at 2 is not after the one before it"},
+    {.name = "times that are NaN", AT(1), .more = ANIMATION(CHANNEL(0, "translation"), SAMPLER(22, 11)),
+     .status = BVHD_INVALID, .text = "accessors[22]: element 1 is not finite"},
+    {.name = "negative times", AT(1), .more = ANIMATION(CHANNEL(0, "translation"), SAMPLER(23, 11)),
+     .status = BVHD_INVALID, .text = "accessors[23]: the first time of a key is negative"},
+    {.name = "times as vectors", AT(1), .more = ANIMATION(CHANNEL(0, "translation"), SAMPLER(11, 11)),
+     .status = BVHD_INVALID, .text = "accessors[11]: times of keys are SCALARs"},
+    {.name = "infinite key", AT(1), MOVES(0, "translation", 28), .status = BVHD_INVALID,
+     .text = "accessors[28]: element 1 is not finite"},
+    {.name = "keys of the wrong type", AT(1), MOVES(0, "translation", 12), .status = BVHD_INVALID,
+     .text = "animations[0].samplers[0].output: accessors[12] has not the type of a translation"},
+    {.name = "translation as integers", AT(1), MOVES(0, "translation", 6), .status = BVHD_INVALID,
+     .text = "animations[0].samplers[0].output: accessors[6] has not the type of a translation"},
+    {.name = "too many keys", AT(1), MOVES(0, "translation", 14), .status = BVHD_INVALID,
+     .text = "animations[0].samplers[0].output: accessors[14] has 9 elements, but 3 keys need 3"},
+    {.name = "too few weights", AT(1), .primitives = MORPHED, MOVES(0, "weights", 10), .status = BVHD_INVALID,
+     .text = "animations[0].samplers[0].output: accessors[10] has 3 elements, but 3 keys need 6"},
+    {.name = "interpolation by magic", AT(1), .more = ANIMATION(CHANNEL(0, "translation"),
+     "{'input':10,'output':11,'interpolation':'MAGIC'}"), .status = BVHD_INVALID,
+     .text = "animations[0].samplers[0].interpolation: none of LINEAR"},
+    {.name = "no such sampler", AT(1), .more = ANIMATION(CHANNEL(0, "translation"), ""), .status = BVHD_INVALID,
+     .text = "animations[0].channels[0].sampler: samplers[0] does not exist: there are 0"},
+    {.name = "sampler without keys", AT(1), .more = ANIMATION(CHANNEL(0, "translation"), "{'output':11}"),
+     .status = BVHD_INVALID, .text = "animations[0].samplers[0].input: missing"},
+    {.name = "sampler that is a number", AT(1), .more = ANIMATION(CHANNEL(0, "translation"), "7"),
+     .status = BVHD_INVALID, .text = "animations[0].samplers[0]: not an object"},
+    {.name = "channel that is a number", AT(1), .more = ANIMATION("7", ""), .status = BVHD_INVALID,
+     .text = "animations[0].channels[0]: not an object with a target"},
+    {.name = "channel of no node", AT(1), MOVES(7, "translation", 11), .status = BVHD_INVALID,
+     .text = "animations[0].channels[0].target.node: nodes[7] does not exist"},
+    {.name = "two channels for one", AT(1), .more = ANIMATION(CHANNEL(0, "scale") "," CHANNEL(0, "scale"),
+     SAMPLER(10, 11)), .status = BVHD_INVALID,
+     .text = "animations[0].channels[1].target: another channel sets the scale of nodes[0]"},
+    {.name = "animated matrix", AT(1), MOVES(0, "scale", 11), .status = BVHD_INVALID,
+     .nodes = "{'mesh':0,'matrix':[1,0,0,0,0,1,0,0,0,0,1,0,5,6,7,1]}",
+     .text = "animations[0].channels[0].target: nodes[0] has a matrix"},
+    {.name = "weights without targets", AT(1), MOVES(0, "weights", 15), .status = BVHD_INVALID,
+     .text = "animations[0].channels[0].target: nodes[0] has no morph targets"},
+    {.name = "weights for another number of targets", AT(0), .primitives = MORPHED "],'weights':[2",
+     .status = BVHD_INVALID, .text = "meshes[0].weights: 1 weights for 2 morph targets"},
+    {.name = "weight that is a text", AT(0), .primitives = MORPHED "],'weights':[2,'x'", .status = BVHD_INVALID,
+     .text = "meshes[0].weights[1]: not a finite number"},
+    {.name = "weights that are no list", AT(0), .primitives = MORPHED, .nodes = "{'mesh':0,'weights':1}",
+     .status = BVHD_INVALID, .text = "nodes[0].weights: no array"},
+    {.name = "displacements for other vertices", AT(0), .status = BVHD_INVALID,
+     .primitives = "{'attributes':{'POSITION':0},'indices':1,'targets':[{'POSITION':11}]}],'weights':[1",
+     .text = "meshes[0].primitives[0].targets[0].POSITION: accessors[11] is no VEC3"},
+    {.name = "infinite displacement", AT(0), .status = BVHD_INVALID, .accessors =
+     ",{'bufferView':0,'componentType':5126,'count':3,'type':'VEC3'}", .nodes = "{'mesh':0,'weights':[1]}",
+     .primitives = "{'attributes':{'POSITION':31},'targets':[{'POSITION':28}]}",
+     .text = "meshes[0].primitives[0].targets[0].POSITION: the displacement of vertex 1 is not finite"},
+    {.name = "target that is a number", AT(0), .status = BVHD_INVALID,
+     .primitives = "{'attributes':{'POSITION':0},'indices':1,'targets':[7]}],'weights':[1",
+     .text = "meshes[0].primitives[0].targets[0]: not an object"},
+    {.name = "no such skin", AT(0), .primitives = BONES(18, 19), .nodes = "{'mesh':0,'skin':0}",
+     .status = BVHD_INVALID, .text = "nodes[0].skin: skins[0] does not exist"},
+    {.name = "skin without joints", AT(0), .primitives = BONES(18, 19), .nodes = SKELETON, .scenes = BOTH_ROOTS,
+     .more = SKIN("", 20), .status = BVHD_INVALID, .text = "skins[0].joints: a skin has at least one joint"},
+    {.name = "joint of no scene", AT(0), .primitives = BONES(18, 19), .nodes = SKELETON, .more = SKIN("1,2", 20),
+     .status = BVHD_INVALID, .text = "skins[0].joints[0]: nodes[1] is in no scene that is read"},
+    {.name = "joint that is no node", AT(0), .primitives = BONES(18, 19), .nodes = SKELETON, .scenes = BOTH_ROOTS,
+     .more = SKIN("1,9", 20), .status = BVHD_INVALID, .text = "skins[0].joints[1]: nodes[9] does not exist"},
+    {.name = "too few inverse bind matrices", AT(0), .primitives = BONES(18, 19), .nodes = SKELETON,
+     .scenes = BOTH_ROOTS, .more = SKIN("1,2", 30), .status = BVHD_INVALID,
+     .text = "accessors[30]: 1 inverse bind matrices for the 2 joints of skins[0]"},
+    {.name = "inverse bind matrix that is not affine", AT(0), .primitives = BONES(18, 19), .nodes = SKELETON,
+     .scenes = BOTH_ROOTS, .more = SKIN("1,2", 29), .status = BVHD_INVALID,
+     .text = "accessors[29]: matrix 0 is not finite, or its last row"},
+    {.name = "inverse bind matrices as vectors", AT(0), .primitives = BONES(18, 19), .nodes = SKELETON,
+     .scenes = BOTH_ROOTS, .more = SKIN("1,2", 12), .status = BVHD_INVALID,
+     .text = "accessors[12].type: it is not MAT4"},
+    {.name = "joint beyond the skin", AT(0), .primitives = BONES(24, 19), SKINNED, .status = BVHD_INVALID,
+     .text = "meshes[0].primitives[0].attributes.JOINTS_0: vertex 3 names joint 2, but skins[0] has 2"},
+    {.name = "weights of joints that are all 0", AT(0), .primitives = BONES(18, 25), SKINNED, .status = BVHD_INVALID,
+     .text = "meshes[0].primitives[0].attributes.WEIGHTS_0: all weights of vertex 1 are 0"},
+    {.name = "negative weight of a joint", AT(0), .primitives = BONES(18, 26), SKINNED, .status = BVHD_INVALID,
+     .text = "meshes[0].primitives[0].attributes.WEIGHTS_0: vertex 3 has the weight -1"},
+    {.name = "joints as floats", AT(0), .primitives = BONES(19, 19), SKINNED, .status = BVHD_INVALID,
+     .text = "meshes[0].primitives[0].attributes.JOINTS_0: accessors[19] is no VEC4 of unsigned integers"},
+    {.name = "joints for other vertices", AT(0), .primitives = BONES(31, 19), SKINNED, .status = BVHD_INVALID,
+     .accessors = ",{'bufferView':32,'componentType':5121,'count':3,'type':'VEC4'}",
+     .text = "meshes[0].primitives[0].attributes.JOINTS_0: accessors[31] has 3 elements for 4 vertices"},
+    {.name = "joints without weights", AT(0), .primitives = "{'attributes':{'POSITION':0,'JOINTS_0':18},'indices':1}",
+     SKINNED, .status = BVHD_INVALID, .text = "meshes[0].primitives[0].attributes.WEIGHTS_0: missing"},
+    {.name = "skin of a mesh without joints", AT(0), SKINNED, .status = BVHD_INVALID,
+     .text = "meshes[0].primitives[0].attributes.JOINTS_0: missing"},
+    {.name = "instances of a skinned mesh", AT(0), .more = SKIN("0", 20), .status = BVHD_UNSUPPORTED,
+     .nodes = "{'mesh':0,'skin':0,'extensions':{'EXT_mesh_gpu_instancing':{'attributes':{'TRANSLATION':11}}}}",
+     .text = "nodes[0].extensions.EXT_mesh_gpu_instancing: a skinned mesh is not instanced"},
+    {.name = "no such animation", AT(0), .animation = "run", MOVES(0, "translation", 11), .status = BVHD_NOT_FOUND,
+     .text = "it has no animation 'run'; it has 1, counted from 0"},
 };
 const uint32_t gltf_case_count = sizeof gltf_cases / sizeof *gltf_cases;
 /* clang-format on */

@@ -19,7 +19,7 @@ static void set_count(struct import_counts *counts, const char *kind, uint64_t n
                  {"incomplete", &counts->incomplete}, {"positionless", &counts->positionless},
                  {"nodes", &counts->nodes},           {"meshes", &counts->meshes},
                  {"bounds", &counts->bounds},         {"extensions", &counts->extensions},
-                 {"animations", &counts->animations}};
+                 {"animations", &counts->animations}, {"channels", &counts->channels}};
     for (size_t i = 0; i < sizeof kinds / sizeof kinds[0]; i++)
         if (!strcmp(kinds[i].name, kind)) {
             *kinds[i].count = number;
@@ -40,6 +40,8 @@ static void make_gltf(const struct gltf_case *source, struct scene_case *ret_cas
     strcpy(ret_case->file, "case.glb");
     ret_case->size = gltf_case_make(source, ret_case->bytes);
     ret_case->scene = source->scene;
+    ret_case->at = source->at;
+    ret_case->animation = source->animation;
     ret_case->status = source->status;
     ret_case->text = source->text;
     expected->triangles = source->triangles ? source->triangles : 2;

@@ -36,6 +36,8 @@ struct scene_case {
     const char *second_bytes;
     size_t second_size;
     const char *scene; /* to choose; NULL: all */
+    const char *at; /* the moment to read it at, in seconds; NULL: it is read at rest */
+    const char *animation; /* to choose; NULL: the first */
     bool is_endless; /* it is refused for the time that it takes, which is seconds under sanitizers */
     enum bvhd_status status; /* if it is not BVHD_OK, the file is refused: */
     const char *text; /* with this as a part of "where: text" */

@@ -77,7 +77,7 @@ static void check_counts(const struct gltf_case *gltf_case, const struct import_
 /* Everything that belongs to a mesh, and not to the file as a whole, is counted for the mesh, too. */
 static void check_mesh_counts(const struct import *import)
 {
-    static const char *const of_file[] = {"animations", "meshes", "nodes", "scenes", "extensions"};
+    static const char *const of_file[] = {"animations", "channels", "meshes", "nodes", "scenes", "extensions"};
     struct import_counts sum = {0};
     for (uint32_t i = 0; i < import->mesh_count; i++)
         import_counts_add_mesh(&sum, &import->meshes[i].counts);
@@ -111,7 +111,9 @@ static void check_case(const struct gltf_case *gltf_case)
     write_file("case.glb", bytes, gltf_case_make(gltf_case, bytes));
     memory_init(&memory, UINT64_MAX);
     print_message("%s\n", gltf_case->name);
-    enum bvhd_status status = import_scene("case.glb", gltf_case->scene, &memory, &import, &error);
+    const struct import_moment moment = {gltf_case->at ? strtod(gltf_case->at, NULL) : 0, gltf_case->animation};
+    const struct import_wish wish = {.scene = gltf_case->scene, .moment = gltf_case->at ? &moment : NULL};
+    enum bvhd_status status = import_scene_as("case.glb", &wish, &memory, &import, &error);
     snprintf(text, sizeof text, "%s: %s", error.where, error.text);
     if (status != gltf_case->status)
         fail_msg("status %d, %s", status, text);
@@ -140,12 +142,14 @@ static const struct gltf_case *find_case(const char *name)
     return NULL;
 }
 
-/* Reads a file in this process, so that a mistake of the reader is seen. */
-static enum bvhd_status read_here(const char *path, struct memory *memory)
+/* Reads the file of a case in this process, so that a mistake of the reader is seen. */
+static enum bvhd_status read_here(const char *path, const struct gltf_case *gltf_case, struct memory *memory)
 {
     struct import import;
     struct bvhd_error error = {0};
-    enum bvhd_status status = import_read(path, NULL, memory, &import, &error);
+    const struct import_moment moment = {gltf_case->at ? strtod(gltf_case->at, NULL) : 0, NULL};
+    const struct import_wish wish = {.moment = gltf_case->at ? &moment : NULL};
+    enum bvhd_status status = import_read_as(path, &wish, memory, &import, &error);
     if (!status)
         import_finish(&import);
     else
@@ -167,7 +171,7 @@ static void test_truncated(void **state)
             uint32_t said = (uint32_t)(patched ? length : size);
             memcpy(bytes + 8, &said, sizeof said);
             write_file("cut.glb", bytes, length);
-            enum bvhd_status status = read_here("cut.glb", &memory);
+            enum bvhd_status status = read_here("cut.glb", find_case("plain"), &memory);
             assert_true(status == BVHD_UNSUPPORTED || status == BVHD_INVALID);
         }
 }
@@ -187,7 +191,7 @@ static void test_mutations(void **state)
             bytes[(random >> 16) % size] = (uint8_t)(random & 1 ? random >> 40 : '0' + (random >> 40) % 10);
         }
         write_file("changed.glb", bytes, size);
-        read_here("changed.glb", &memory);
+        read_here("changed.glb", &gltf_cases[round % gltf_case_count], &memory);
     }
 }
 
@@ -195,8 +199,16 @@ static void test_mutations(void **state)
 static void test_no_memory(void **state)
 {
     (void)state;
-    static const char *const names[] = {
-        "plain", "strip", "sparse", "meshopt vertices", "instancing with rotations", "no scenes", "scene by name"};
+    static const char *const names[] = {"plain",
+                                        "strip",
+                                        "sparse",
+                                        "meshopt vertices",
+                                        "instancing with rotations",
+                                        "no scenes",
+                                        "scene by name",
+                                        "cubic spline",
+                                        "animated weights of sparse targets",
+                                        "animated joint"};
     static uint8_t bytes[GLTF_CASE_ROOM];
     for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
         const struct gltf_case *gltf_case = find_case(names[i]);
@@ -206,7 +218,7 @@ static void test_no_memory(void **state)
             struct memory memory;
             memory_init(&memory, UINT64_MAX);
             atomic_store(&memory.fail_after, after);
-            status = read_here("memory.glb", &memory);
+            status = read_here("memory.glb", gltf_case, &memory);
             assert_true(status == BVHD_OK || status == BVHD_NO_MEMORY);
             assert_true(after < 200);
         }

@@ -97,6 +97,17 @@ static void test_hostile(void **state)
                    "structures[0].source_scene");
     expect_corrupt(ENTRY("\"a\"", "\"tlas\"", ",\"handles\":[],\"source_scene\":{\"number\":5e9,\"name\":\"\"}"),
                    "structures[0].source_scene");
+    static const char *const moments[] = {"7",
+                                          "{\"time\":1}",
+                                          "{\"time\":1,\"animation\":-1}",
+                                          "{\"time\":1,\"animation\":5e9}",
+                                          "{\"time\":\"1\",\"animation\":0}",
+                                          "{\"animation\":null}"};
+    for (size_t i = 0; i < sizeof moments / sizeof *moments; i++) {
+        char text[512];
+        snprintf(text, sizeof text, ENTRY("\"a\"", "\"tlas\"", ",\"handles\":[],\"source_moment\":%s"), moments[i]);
+        expect_corrupt(text, "structures[0].source_moment");
+    }
     expect_corrupt(ENTRY("\".\"", "\"blas\"", ""), "structures[0].file");
     expect_corrupt("{\"schema\":1,\"structures\":[{\"file\":\"a\",\"type\":\"blas\",\"scene\":\"s\",\"name\":\"n\","
                    "\"target\":\"portable\",\"geometries\":7}]}",
@@ -104,6 +115,36 @@ static void test_hostile(void **state)
     expect_corrupt(ENTRY("\"a\"", "\"tlas\"", ""), "structures[0].handles");
     expect_corrupt(ENTRY("\"a\"", "\"tlas\"", ",\"handles\":[3]"), "structures[0].handles");
     expect_corrupt(ENTRY("\"a\"", "\"tlas\"", ",\"handles\":[\"b\",\"../c\"]"), "structures[0].handles");
+}
+
+/* Wishes are what a scene was read by: a scene by its number, a moment, an animation by its number, or none of them. */
+static void test_wish(void **state)
+{
+    (void)state;
+    struct memory memory;
+    struct manifest manifest;
+    struct manifest_wish wish;
+    assert_int_equal(read_text(ENTRY("\"a\"", "\"tlas\"", ",\"handles\":[]"), &memory, &manifest, NULL), BVHD_OK);
+    manifest_wish_init(&wish, &manifest.entries[0]);
+    assert_true(!wish.wish.scene && !wish.wish.moment && !wish.wish.wants_looks);
+    manifest_finish(&manifest);
+    assert_int_equal(
+        read_text(ENTRY("\"a\"", "\"tlas\"", ",\"handles\":[],\"source_moment\":{\"time\":-0.1,\"animation\":null}"),
+                  &memory, &manifest, NULL),
+        BVHD_OK);
+    manifest_wish_init(&wish, &manifest.entries[0]);
+    assert_true(wish.wish.moment && wish.wish.moment->time == -0.1 && !wish.wish.moment->animation);
+    manifest_finish(&manifest);
+    assert_int_equal(read_text(ENTRY("\"a\"", "\"tlas\"",
+                                     ",\"handles\":[],\"source_scene\":{\"number\":4,\"name\":\"night\"},"
+                                     "\"source_moment\":{\"time\":2,\"animation\":7}"),
+                               &memory, &manifest, NULL),
+                     BVHD_OK);
+    manifest_wish_init(&wish, &manifest.entries[0]);
+    assert_string_equal(wish.wish.scene, "4");
+    assert_true(wish.wish.moment && wish.wish.moment->time == 2);
+    assert_string_equal(wish.wish.moment->animation, "7");
+    manifest_finish(&manifest);
 }
 
 /* A top level is found by its scene's name, and by the name and the number of the scene in its file. */
@@ -274,6 +315,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_read),
         cmocka_unit_test(test_hostile),
+        cmocka_unit_test(test_wish),
         cmocka_unit_test(test_find_top),
         cmocka_unit_test(test_optional_members),
         cmocka_unit_test(test_find_top_of_file),
