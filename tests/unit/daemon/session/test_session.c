@@ -166,12 +166,12 @@ static void test_rows_of_later_versions_are_unsupported(void **state)
 {
     (void)state;
     struct world_client *client = world_join(&world);
-    unsigned char control[140] = {0x18, 0x84, 1, 0x22, 0x84, 1}; /* item_size and items: 132 (PROTOCOL.md) */
-    struct bytes bytes = {control, 6 + 132};
+    unsigned char control[180] = {0x18, 0xa4, 1, 0x22, 0xa4, 1}; /* item_size and items: 164 (PROTOCOL.md) */
+    struct bytes bytes = {control, 6 + 164};
     control[6] = 1;
     assert_int_equal(send_bare(client, FRAME_BUILD, 1, 0, bytes), BVHD_OK);
     assert_null(world_find(client, FRAME_ERROR, 1, 0));
-    control[6 + 130] = 1;
+    control[6 + 162] = 1;
     int descriptors = world_descriptors();
     assert_int_equal(send_bare(client, FRAME_BUILD, 2, 0, bytes), BVHD_OK);
     assert_int_equal(world_find(client, FRAME_ERROR, 2, 0)->error->status, BVHD_UNSUPPORTED);
