@@ -3,13 +3,13 @@
 #ifndef BVHD_CLIENT_BED_H
 #define BVHD_CLIENT_BED_H
 
-#include <dirent.h>
 #include <time.h>
 
 #include <bvhd/bvhd.h>
 
 #include "tests/support/client/fake_daemon.h"
 #include "client/library.h"
+#include "tests/support/open_descriptors.h"
 
 enum { BED_MAX_INFOS = 1000, BED_CONNECT_MS = 400, BED_LOST_MS = 400, BED_LATE_MS = 3000 };
 
@@ -36,16 +36,6 @@ static inline double bed_now(void)
     struct timespec time;
     clock_gettime(CLOCK_MONOTONIC, &time);
     return (double)time.tv_sec * 1e3 + (double)time.tv_nsec * 1e-6;
-}
-
-static inline int bed_open_descriptors(void)
-{
-    DIR *folder = opendir("/proc/self/fd");
-    int count = 0;
-    while (readdir(folder))
-        count++;
-    closedir(folder);
-    return count;
 }
 
 /*
@@ -98,7 +88,7 @@ static inline struct bvhd_batch *bed_submit(struct client_bed *bed, uint32_t cou
 
 static inline void bed_options(struct client_bed *bed, struct bvhd_client_options *options)
 {
-    bed->descriptors = bed_open_descriptors();
+    bed->descriptors = open_descriptors();
     bed->live = library_memory.live;
     fake_start(&bed->fake);
     bed->asked = calloc(1, sizeof *bed->asked);
@@ -133,11 +123,18 @@ static inline bool bed_stop(struct client_bed *bed)
     fake_stop(&bed->fake);
     free(bed->asked->vertices);
     free(bed->asked);
-    int descriptors = bed_open_descriptors();
+    int descriptors = open_descriptors();
     if (descriptors != bed->descriptors || library_memory.live != bed->live)
         fprintf(stderr, "left over: %d descriptors, %llu bytes\n", descriptors - bed->descriptors,
                 (unsigned long long)(library_memory.live - bed->live));
     return descriptors == bed->descriptors && library_memory.live == bed->live;
+}
+
+/* Ends a bed with its last batch, and checks that nothing is left over. */
+static inline void bed_end(struct client_bed *bed, struct bvhd_batch *batch)
+{
+    bvhd_batch_destroy(batch);
+    assert_true(bed_stop(bed));
 }
 
 static inline enum bvhd_status bed_status(struct bvhd_batch *batch, uint32_t item)
@@ -194,6 +191,14 @@ static inline bool bed_connect(struct client_bed *bed)
     }
     bvhd_batch_destroy(batch);
     return asked;
+}
+
+/* Starts a client that asks for one item on a connection that has been greeted. */
+static inline struct bvhd_batch *bed_start_asked(struct client_bed *bed, uint64_t *ret_request)
+{
+    bed_start(bed);
+    assert_true(bed_connect(bed));
+    return bed_ask(bed, ret_request);
 }
 
 #endif

@@ -6,11 +6,10 @@
 #ifndef BVHD_LOCAL_BED_H
 #define BVHD_LOCAL_BED_H
 
-#include <dirent.h>
-
 #include <bvhd/bvhd.h>
 
 #include "client/library.h"
+#include "tests/support/open_descriptors.h"
 #include "tests/support/scene/terrain.h"
 
 enum { LOCAL_BED_MESHES = 8 };
@@ -22,21 +21,11 @@ struct local_bed {
     uint64_t live; /* bytes of library_memory that were live before */
 };
 
-static inline int local_bed_open_descriptors(void)
-{
-    DIR *folder = opendir("/proc/self/fd");
-    int count = 0;
-    while (readdir(folder))
-        count++;
-    closedir(folder);
-    return count;
-}
-
 /* Starts a client with these options, whose struct_size is set here. */
 static inline void local_bed_start_with(struct local_bed *bed, struct bvhd_client_options options)
 {
     struct bvhd_error error;
-    bed->descriptors = local_bed_open_descriptors();
+    bed->descriptors = open_descriptors();
     bed->live = library_memory.live;
     options.struct_size = sizeof options;
     if (bvhd_client_create(&options, &bed->client, &error) != BVHD_OK)
@@ -57,7 +46,7 @@ static inline void local_bed_stop(struct local_bed *bed)
     bvhd_client_destroy(bed->client);
     for (uint32_t i = 0; i < LOCAL_BED_MESHES; i++)
         terrain_finish(&bed->meshes[i]);
-    assert_int_equal(local_bed_open_descriptors(), bed->descriptors);
+    assert_int_equal(open_descriptors(), bed->descriptors);
     assert_int_equal(library_memory.live, bed->live);
 }
 
@@ -92,6 +81,20 @@ static inline struct bvhd_batch *local_bed_submit(struct bvhd_client *client, st
     request.build.priority = priority;
     if (bvhd_batch_submit(client, &request.build, &batch, &error) != BVHD_OK)
         fail_msg("%s: %s", error.where, error.text);
+    return batch;
+}
+
+/* Submits one mesh with the quality that takes the longest. `deadline_ms`: 0 for none. */
+static inline struct bvhd_batch *local_bed_submit_long(struct bvhd_client *client, struct terrain *mesh,
+                                                       enum bvhd_priority priority, uint32_t deadline_ms)
+{
+    struct local_bed_build request;
+    struct bvhd_batch *batch = NULL;
+    local_bed_describe(mesh, 1, &request);
+    request.build.quality = BVHD_QUALITY_HIGH;
+    request.build.priority = priority;
+    request.build.deadline_ms = deadline_ms;
+    assert_int_equal(bvhd_batch_submit(client, &request.build, &batch, NULL), BVHD_OK);
     return batch;
 }
 

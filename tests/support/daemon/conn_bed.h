@@ -39,7 +39,7 @@ static inline void bed_open(struct bed *bed, const struct conn_limits *limits)
     memset(bed, 0, sizeof *bed);
     uv_loop_init(&bed->loop); /* the first loop of a process opens descriptors that stay open */
     uv_loop_close(&bed->loop);
-    bed->open_before = frames_open();
+    bed->open_before = open_descriptors();
     assert_int_equal(uv_loop_init(&bed->loop), 0);
     fake_service_init(&bed->service);
     memory_init(&bed->memory, UINT64_MAX);
@@ -172,6 +172,14 @@ static inline void bed_hello(struct bed *bed, struct bed_client *client)
     bed_expect(bed, client, FRAME_WELCOME, 0);
 }
 
+/* Opens a connection that has been greeted. */
+static inline struct bed_client *bed_join(struct bed *bed, uint32_t uid)
+{
+    struct bed_client *client = bed_connect(bed, uid);
+    bed_hello(bed, client);
+    return client;
+}
+
 /* Expects FRAME_ERROR with this status for the connection, then its end. */
 static inline void bed_expect_error(struct bed *bed, struct bed_client *client, enum bvhd_status status)
 {
@@ -212,9 +220,9 @@ static inline void bed_close(struct bed *bed)
     assert_int_equal(bed->memory.live, 0);
     assert_int_equal(bed->service.descriptors.used, 0);
     assert_int_equal(bed->service.descriptors.unread, 0);
-    for (int i = 0; i < 2000 && frames_open() != bed->open_before; i++)
+    for (int i = 0; i < 2000 && open_descriptors() != bed->open_before; i++)
         poll(NULL, 0, 1); /* Other threads close some of them. */
-    assert_int_equal(frames_open(), bed->open_before);
+    assert_int_equal(open_descriptors(), bed->open_before);
 }
 
 #endif

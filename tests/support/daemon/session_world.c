@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "tests/support/daemon/session_world.h"
 
-#include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <sys/mman.h>
@@ -10,19 +9,9 @@
 
 #include "builder/batch.h"
 #include "proto/base/container_of.h"
+#include "tests/support/open_descriptors.h"
 #include "tests/support/random.h"
 #include "tests/support/unit.h"
-
-int world_descriptors(void)
-{
-    int count = 0;
-    DIR *directory = opendir("/proc/self/fd");
-    assert_non_null(directory);
-    while (readdir(directory))
-        count++;
-    closedir(directory);
-    return count;
-}
 
 struct service_options world_options(void)
 {
@@ -43,11 +32,12 @@ static void wake(void *context)
 
 void world_init(struct session_world *world, const struct service_options *options)
 {
+    struct service_options usual = world_options();
     struct bvhd_error error;
     memset(world, 0, sizeof *world);
     sem_init(&world->woken, 0, 0);
-    world->descriptors = world_descriptors();
-    if (service_create(options, wake, world, &world->service, &error) != BVHD_OK)
+    world->descriptors = open_descriptors();
+    if (service_create(options ? options : &usual, wake, world, &world->service, &error) != BVHD_OK)
         fail_msg("no service: %s", error.text);
 }
 
@@ -173,9 +163,9 @@ void world_settle(struct session_world *world)
 
 void world_await_descriptors(int count)
 {
-    for (double begin = seconds(); world_descriptors() != count && seconds() - begin < 5;)
+    for (double begin = seconds(); open_descriptors() != count && seconds() - begin < 5;)
         usleep(1000);
-    assert_int_equal(world_descriptors(), count);
+    assert_int_equal(open_descriptors(), count);
 }
 
 /* Whether no worker has anything of any client any more. */
@@ -228,6 +218,14 @@ void world_finish(struct session_world *world)
         sem_destroy(&world->gates[i].opened);
     sem_destroy(&world->woken);
     world_await_descriptors(world->descriptors);
+}
+
+void world_restart(struct session_world *world, uint64_t memory)
+{
+    struct service_options options = world_options();
+    options.memory = memory;
+    world_finish(world);
+    world_init(world, &options);
 }
 
 static void gate_run(struct pool_job *job, const struct parallel *parallel)

@@ -66,7 +66,10 @@ struct session_world {
 /* The options of most tests: two workers, 256 MiB of memory, a cache of 64 MiB. */
 struct service_options world_options(void);
 
+/* `options`: NULL for world_options(). */
 void world_init(struct session_world *world, const struct service_options *options);
+/* Ends the world, and begins another one whose service has that much memory. */
+void world_restart(struct session_world *world, uint64_t memory);
 
 /* Closes everything, and checks that no items, memory or descriptors are left. */
 void world_finish(struct session_world *world);
@@ -151,9 +154,7 @@ void world_build_mesh(struct world_client *client, uint64_t request, const struc
 /* Checks that the bytes of the event are equal to those that are built in process. */
 void world_check_bytes(const struct world_event *event, const struct build_input *input);
 
-/* Returns the number of open descriptors of the process. */
-int world_descriptors(void);
-/* Waits until there are that many: other threads close what clients sent, which may take a moment. */
+/* Waits until that many descriptors are open: other threads close what clients sent, which may take a moment. */
 void world_await_descriptors(int count);
 
 #endif

@@ -6,12 +6,12 @@
 #ifndef BVHD_TEST_FRAMES_H
 #define BVHD_TEST_FRAMES_H
 
-#include <dirent.h>
 #include <sys/mman.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
 #include "proto/wire/frame.h"
+#include "tests/support/open_descriptors.h"
 #include "tests/support/unit.h"
 
 enum { FRAMES_MAX = 128, FRAMES_BYTES = 4 << 20 };
@@ -93,18 +93,6 @@ static inline int frames_descriptor(ino_t *ret_inode)
     if (ret_inode)
         *ret_inode = about.st_ino;
     return descriptor;
-}
-
-/* Returns how many descriptors this process has open. */
-static inline int frames_open(void)
-{
-    DIR *directory = opendir("/proc/self/fd");
-    int count = 0;
-    assert_non_null(directory);
-    while (readdir(directory))
-        count++;
-    closedir(directory);
-    return count;
 }
 
 #endif

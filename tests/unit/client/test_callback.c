@@ -46,9 +46,7 @@ static void test_dispatch(void **state)
     struct client_bed bed;
     struct seen seen = {.bed = &bed};
     uint64_t request;
-    bed_start(&bed);
-    assert_true(bed_connect(&bed));
-    struct bvhd_batch *batch = bed_ask(&bed, &request);
+    struct bvhd_batch *batch = bed_start_asked(&bed, &request);
     assert_null(bvhd_batch_user(batch));
     bvhd_batch_set_callback(batch, note, &seen);
     assert_ptr_equal(bvhd_batch_user(batch), &seen);
@@ -61,8 +59,7 @@ static void test_dispatch(void **state)
     bvhd_client_dispatch(bed.client);
     assert_int_equal(bvhd_batch_wait(batch, -1), BVHD_OK);
     assert_int_equal(seen.calls, 1);
-    bvhd_batch_destroy(batch);
-    assert_true(bed_stop(&bed));
+    bed_end(&bed, batch);
 }
 
 /* A wait calls the callbacks of all batches that are done. One may destroy the batch that the thread waits for. */
@@ -114,8 +111,7 @@ static void test_done_before(void **state)
     bvhd_batch_set_callback(batch, NULL, NULL);
     bvhd_client_dispatch(bed.client);
     assert_int_equal(replaced.calls, 0);
-    bvhd_batch_destroy(batch);
-    assert_true(bed_stop(&bed));
+    bed_end(&bed, batch);
 }
 
 /* Cancelling calls it, with the next dispatch; destroying does not. */

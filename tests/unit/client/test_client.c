@@ -50,8 +50,7 @@ static void test_result(void **state)
     assert_true(result->primitives == 11 && result->triangles == 12 && result->depth == 13 && result->sah == 1.5);
     assert_string_equal(result->method, "binned");
     assert_true(result->bounds[0] == 1 && result->bounds[5] == 6);
-    bvhd_batch_destroy(batch);
-    assert_true(bed_stop(&bed));
+    bed_end(&bed, batch);
 }
 
 /* Small and large results outlive their batch and their client. */
@@ -77,7 +76,7 @@ static void test_blob_outlives(void **state)
         bvhd_batch_destroy(batch);
     }
     bed_stop(&bed);
-    assert_int_equal(bed_open_descriptors(), before);
+    assert_int_equal(open_descriptors(), before);
     for (int i = 0; i < 2; i++) {
         assert_int_equal(bvhd_blob_size(blobs[i]), sizes[i]);
         const unsigned char *bytes = bvhd_blob_data(blobs[i]);
@@ -114,8 +113,7 @@ static void test_fetch(void **state)
     assert_int_equal(bed_status(batch, 0), BVHD_NOT_FOUND);
     assert_int_equal(bed_status(batch, 1), BVHD_OK);
     assert_int_equal(bvhd_batch_result(batch, 2)->size, 70000);
-    bvhd_batch_destroy(batch);
-    assert_true(bed_stop(&bed));
+    bed_end(&bed, batch);
 }
 
 /* A batch without items is done at once, without a daemon. */
@@ -200,8 +198,7 @@ static void test_error(void **state)
     struct control_build *build = fake_build(&bed.fake, &frame);
     assert_int_equal(build->item_count, 2);
     fake_free(&bed.fake, build);
-    bvhd_batch_destroy(batch);
-    assert_true(bed_stop(&bed));
+    bed_end(&bed, batch);
 }
 
 /* Places in errors count as the caller counts, however the batch was cut into requests. */
@@ -224,8 +221,7 @@ static void test_renumbered(void **state)
     assert_string_equal(bvhd_batch_result(batch, 2)->error.where, "infos[2].flags");
     assert_string_equal(bvhd_batch_result(batch, 3)->error.where, "infos[10].flags");
     assert_int_equal(bed_status(batch, 3), BVHD_CORRUPT);
-    bvhd_batch_destroy(batch);
-    assert_true(bed_stop(&bed));
+    bed_end(&bed, batch);
 }
 
 static void check_connections(struct bvhd_client *client)
@@ -332,8 +328,7 @@ static void test_progress(void **state)
     assert_true(fake_expect(&bed.fake, FRAME_CANCEL, &frame));
     batch = bed_submit(&bed, 1, 1);
     assert_true(fake_expect(&bed.fake, FRAME_BUILD, &frame)); /* on the same connection */
-    bvhd_batch_destroy(batch);
-    assert_true(bed_stop(&bed));
+    bed_end(&bed, batch);
 }
 
 static void test_keys(void **state)

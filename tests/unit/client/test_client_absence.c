@@ -54,8 +54,7 @@ static void test_nobody(void **state)
     fake_serve_end(&bed.fake);
     bvhd_batch_destroy(fetched);
     bvhd_batch_destroy(later);
-    bvhd_batch_destroy(batch);
-    assert_true(bed_stop(&bed));
+    bed_end(&bed, batch);
 }
 
 /* The call that asks for a daemon keeps its timeout. */
@@ -106,8 +105,7 @@ static void test_silent(void **state)
     assert_int_equal(bvhd_batch_wait(batch, -1), BVHD_OK);
     assert_true(bed_now() - begin >= BED_CONNECT_MS - 1);
     expect_built_here(batch);
-    bvhd_batch_destroy(batch);
-    assert_true(bed_stop(&bed));
+    bed_end(&bed, batch);
 }
 
 /* An event loop that may not build: at once where nobody listens, and later where a daemon stays silent. */
@@ -125,8 +123,7 @@ static void test_event_loop(void **state)
     }
     assert_int_equal(bed_status(batch, 0), BVHD_UNSUPPORTED);
     assert_string_equal(bvhd_batch_result(batch, 0)->error.where, "options.local_threads");
-    bvhd_batch_destroy(batch);
-    assert_true(bed_stop(&bed));
+    bed_end(&bed, batch);
 
     struct bvhd_error error;
     start(&bed, LONG_MS, 0);
@@ -154,8 +151,7 @@ static void test_event_loop_with_thread(void **state)
         bvhd_client_dispatch(bed.client);
     }
     expect_built_here(batch);
-    bvhd_batch_destroy(batch);
-    assert_true(bed_stop(&bed));
+    bed_end(&bed, batch);
 }
 
 /* Where no socket was named, the absence of a daemon is known at once, whatever the timeout is. */
@@ -179,8 +175,7 @@ static void test_unnamed(void **state)
     assert_int_equal(bvhd_client_connect(bed.client, &error), BVHD_UNAVAILABLE);
     assert_int_equal(bvhd_client_ping(bed.client, -1, NULL, NULL), BVHD_UNAVAILABLE);
     assert_true(bed_now() - begin < LONG_MS / 2);
-    bvhd_batch_destroy(batch);
-    assert_true(bed_stop(&bed));
+    bed_end(&bed, batch);
 }
 
 /* The user's own daemon is found without XDG_RUNTIME_DIR, where bvhctl starts it, unless others can reach it. */

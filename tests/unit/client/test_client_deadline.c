@@ -64,8 +64,7 @@ static void sent_items_end(void **state)
     assert_true(fake_expect(&bed.fake, FRAME_CANCEL, &frame));
     assert_int_equal(frame.header.request, request);
     fake_send_failed(&bed.fake, request, 0, BVHD_CANCELLED, "");
-    bvhd_batch_destroy(batch);
-    assert_true(bed_stop(&bed));
+    bed_end(&bed, batch);
 }
 
 /* An hour is an hour in the frame, and no deadline is none. */
@@ -104,8 +103,7 @@ static void daemon_ends_them_first(void **state)
     fake_send_failed(&bed.fake, request, 0, BVHD_CANCELLED, "deadline");
     assert_true(bed_finish(&bed, batch));
     expect_late(batch, 0, "no result within 3600000 ms, the deadline of the request");
-    bvhd_batch_destroy(batch);
-    assert_true(bed_stop(&bed));
+    bed_end(&bed, batch);
 }
 
 /* A batch for which there is no connection yet, and one whose daemon is busy. */
@@ -128,8 +126,7 @@ static void unsent_items_end(void **state)
     fake_send_busy(&bed.fake, request, 2000);
     assert_int_equal(bvhd_batch_wait(batch, -1), BVHD_OK);
     expect_late(batch, 0, soon_text);
-    bvhd_batch_destroy(batch);
-    assert_true(bed_stop(&bed));
+    bed_end(&bed, batch);
 }
 
 /* An event loop is woken by the deadline alone. */
@@ -160,18 +157,6 @@ static void event_loops_wake(void **state)
     assert_true(bed_stop(&bed));
 }
 
-/* Submits a mesh whose build takes much longer than the deadlines here. */
-static struct bvhd_batch *submit_long(struct bvhd_client *client, struct terrain *mesh, uint32_t deadline_ms)
-{
-    struct local_bed_build request;
-    struct bvhd_batch *batch = NULL;
-    local_bed_describe(mesh, 1, &request);
-    request.build.quality = BVHD_QUALITY_HIGH;
-    request.build.deadline_ms = deadline_ms;
-    assert_int_equal(bvhd_batch_submit(client, &request.build, &batch, NULL), BVHD_OK);
-    return batch;
-}
-
 /* The thread that builds, or one of the client, stops; what has time enough is built. */
 static void builds_here_end(void **state)
 {
@@ -181,8 +166,8 @@ static void builds_here_end(void **state)
         struct terrain mesh;
         local_bed_start(&bed, threads);
         terrain_init(&mesh, 400000, 99);
-        struct bvhd_batch *batch = submit_long(bed.client, &mesh, SOON_MS);
-        struct bvhd_batch *other = submit_long(bed.client, bed.meshes, LATER_MS);
+        struct bvhd_batch *batch = local_bed_submit_long(bed.client, &mesh, BVHD_PRIORITY_NORMAL, SOON_MS);
+        struct bvhd_batch *other = local_bed_submit_long(bed.client, bed.meshes, BVHD_PRIORITY_NORMAL, LATER_MS);
         assert_int_equal(bvhd_batch_wait(batch, -1), BVHD_OK);
         expect_late(batch, 0, soon_text);
         assert_true(bvhd_batch_progress(batch, 0) == 1);
@@ -216,7 +201,7 @@ static void others_go_on(void **state)
     local_bed_start(&bed, 0);
     terrain_init(&mesh, 30000, 5);
     for (int i = 0; i < 2; i++) {
-        waiting[i].batch = submit_long(bed.client, &mesh, i == 0 ? SOON_MS : LATER_MS);
+        waiting[i].batch = local_bed_submit_long(bed.client, &mesh, BVHD_PRIORITY_NORMAL, i == 0 ? SOON_MS : LATER_MS);
         assert_int_equal(pthread_create(&waiting[i].thread, NULL, wait_for_batch, &waiting[i]), 0);
     }
     for (int i = 0; i < 2; i++)
@@ -238,7 +223,8 @@ static void batches_may_go_before(void **state)
     struct bvhd_batch *batches[LOCAL_BED_MESHES];
     local_bed_start(&bed, 0);
     for (uint32_t i = 0; i < LOCAL_BED_MESHES; i++)
-        batches[i] = submit_long(bed.client, &bed.meshes[i], LATER_MS - (i * 5 % LOCAL_BED_MESHES));
+        batches[i] = local_bed_submit_long(bed.client, &bed.meshes[i], BVHD_PRIORITY_NORMAL,
+                                           LATER_MS - (i * 5 % LOCAL_BED_MESHES));
     const struct list_link *link = bed.client->timed.first;
     for (uint32_t i = 0; i < LOCAL_BED_MESHES; i++, link = link->next)
         assert_true(!link->next || link->next->previous == link);

@@ -150,8 +150,7 @@ static void test_hangs_up_early(void **state)
     fake_send_error(&bed.fake, 0, BVHD_NO_MEMORY, "connection", "no memory for an answer");
     assert_int_equal(bed_outcome(batch), BVHD_UNAVAILABLE);
     assert_non_null(strstr(bed_text(batch), "no memory for an answer"));
-    bvhd_batch_destroy(batch);
-    assert_true(bed_stop(&bed));
+    bed_end(&bed, batch);
 }
 
 /* Answers that a daemon must not give. Each ends the connection. */
@@ -343,9 +342,7 @@ static void test_wrong_descriptors(void **state)
             struct control_result result = {.size = 100000};
             uint64_t request;
             int descriptors[4];
-            bed_start(&bed);
-            assert_true(bed_connect(&bed));
-            struct bvhd_batch *batch = bed_ask(&bed, &request);
+            struct bvhd_batch *batch = bed_start_asked(&bed, &request);
             for (int i = 0; i < 4; i++)
                 descriptors[i] = memfd_of(100000, SEALS);
             struct raw_frame frame = {
@@ -360,8 +357,7 @@ static void test_wrong_descriptors(void **state)
                 close(descriptors[i]);
             enum bvhd_status expected = sent != declared ? BVHD_UNAVAILABLE : sent == 1 ? BVHD_OK : BVHD_CORRUPT;
             assert_int_equal(bed_outcome(batch), expected);
-            bvhd_batch_destroy(batch);
-            assert_true(bed_stop(&bed));
+            bed_end(&bed, batch);
         }
 }
 
@@ -373,9 +369,7 @@ static void test_too_many_files(void **state)
     uint64_t request;
     struct rlimit before, few = {64, 0};
     int taken[64], count = 0;
-    bed_start(&bed);
-    assert_true(bed_connect(&bed));
-    struct bvhd_batch *batch = bed_ask(&bed, &request);
+    struct bvhd_batch *batch = bed_start_asked(&bed, &request);
     int result = memfd_of(100000, SEALS);
     struct control_result message = {.size = 100000};
     assert_int_equal(getrlimit(RLIMIT_NOFILE, &before), 0);
@@ -405,9 +399,7 @@ static void test_unknown_frames(void **state)
     (void)state;
     struct client_bed bed;
     uint64_t request;
-    bed_start(&bed);
-    assert_true(bed_connect(&bed));
-    struct bvhd_batch *batch = bed_ask(&bed, &request);
+    struct bvhd_batch *batch = bed_start_asked(&bed, &request);
     int descriptor = memfd_of(10, 0);
     struct raw_frame frame = {
         .header = {.type = 200, .request = 12345, .descriptors = 1},
@@ -420,8 +412,7 @@ static void test_unknown_frames(void **state)
     fake_send(&bed.fake, (enum frame_type)UINT16_MAX, request, nothing);
     fake_send_result(&bed.fake, request, 0, 10);
     assert_int_equal(bed_outcome(batch), BVHD_OK);
-    bvhd_batch_destroy(batch);
-    assert_true(bed_stop(&bed));
+    bed_end(&bed, batch);
 }
 
 /* Statuses of later versions are passed on; a result with PENDING is refused. */
@@ -430,13 +421,10 @@ static void test_unknown_status(void **state)
     (void)state;
     struct client_bed bed;
     uint64_t request;
-    bed_start(&bed);
-    assert_true(bed_connect(&bed));
-    struct bvhd_batch *batch = bed_ask(&bed, &request);
+    struct bvhd_batch *batch = bed_start_asked(&bed, &request);
     fake_send_failed(&bed.fake, request, 0, (enum bvhd_status)99, "infos[0]");
     assert_int_equal(bed_outcome(batch), 99);
-    bvhd_batch_destroy(batch);
-    assert_true(bed_stop(&bed));
+    bed_end(&bed, batch);
 }
 
 int main(void)

@@ -39,8 +39,7 @@ static void test_path_too_long(void **state)
     bed_options(&bed, &options);
     struct bvhd_batch *batch = bed_submit(&bed, 1, 1);
     assert_int_equal(bed_outcome(batch), BVHD_INVALID);
-    bvhd_batch_destroy(batch);
-    assert_true(bed_stop(&bed));
+    bed_end(&bed, batch);
 }
 
 /* The daemon appears while the client searches for one, and again after a restart. */
@@ -64,8 +63,7 @@ static void test_comes_and_goes(void **state)
         assert_int_equal(bvhd_batch_wait(batch, 20), BVHD_PENDING);
     }
     assert_int_equal(bed_outcome(batch), BVHD_UNAVAILABLE);
-    bvhd_batch_destroy(batch);
-    assert_true(bed_stop(&bed));
+    bed_end(&bed, batch);
 }
 
 enum { CALLS = 3 };
@@ -109,8 +107,7 @@ static void test_silent_at_hello(void **state)
     struct bvhd_batch *batch = bed_submit(&bed, 1, 1);
     assert_int_equal(bed_outcome(batch), BVHD_UNAVAILABLE);
     assert_in_range((int)(bed_now() - start), BED_CONNECT_MS - 1, BED_LATE_MS);
-    bvhd_batch_destroy(batch);
-    assert_true(bed_stop(&bed));
+    bed_end(&bed, batch);
 }
 
 /* A daemon that is alive but slow answers PING; one that does not answer is lost. */
@@ -134,8 +131,7 @@ static void test_silence(void **state)
     assert_int_equal(bed_outcome(batch), BVHD_UNAVAILABLE);
     assert_in_range((int)(bed_now() - start), BED_LOST_MS - 30, BED_LATE_MS);
     assert_non_null(strstr(bed_text(batch), "silent"));
-    bvhd_batch_destroy(batch);
-    assert_true(bed_stop(&bed));
+    bed_end(&bed, batch);
 }
 
 /* A program that makes no calls for a long time does not lose its daemon. */
@@ -158,8 +154,7 @@ static void test_absent_program(void **state)
     fake_send_result(&bed.fake, request, 0, 10);
     bvhd_client_dispatch(bed.client);
     assert_int_equal(bed_status(batch, 0), BVHD_OK);
-    bvhd_batch_destroy(batch);
-    assert_true(bed_stop(&bed));
+    bed_end(&bed, batch);
 }
 
 /* Work under way ends on its own connection; new work goes to the next daemon. */
@@ -221,8 +216,7 @@ static void test_dismissed_while_idle(void **state)
     fake_send_prepared(&bed.fake, frame.header.request, 0, 1);
     fake_send_result(&bed.fake, frame.header.request, 0, 20);
     assert_int_equal(bed_outcome(batch), BVHD_OK);
-    bvhd_batch_destroy(batch);
-    assert_true(bed_stop(&bed));
+    bed_end(&bed, batch);
 }
 
 /* Makes the fake daemon speak on another connection. */

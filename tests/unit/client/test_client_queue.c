@@ -116,8 +116,7 @@ static void test_no_pool(void **state)
         assert_true(bed_finish(&bed, batch));
         for (uint32_t i = 0; i < 6; i++)
             assert_int_equal(bed_status(batch, i), BVHD_OK);
-        bvhd_batch_destroy(batch);
-        assert_true(bed_stop(&bed));
+        bed_end(&bed, batch);
     }
 }
 
@@ -155,8 +154,7 @@ static void test_full_pool(void **state)
     }
     assert_true(bvhd_batch_is_copied(batch));
     assert_true(bed_finish(&bed, batch));
-    bvhd_batch_destroy(batch);
-    assert_true(bed_stop(&bed));
+    bed_end(&bed, batch);
 }
 
 /* There are never more items under way than the daemon gave credits for, nor more in a request than it accepts. */
@@ -195,8 +193,7 @@ static void test_credits(void **state)
     assert_true(fake_expect(&bed.fake, FRAME_BUILD, &frame));
     assert_true(fake_is_quiet(&bed.fake));
     assert_true(bvhd_batch_is_copied(batch));
-    bvhd_batch_destroy(batch);
-    assert_true(bed_stop(&bed));
+    bed_end(&bed, batch);
 }
 
 static void check_first(struct client_bed *bed, uint64_t destination, int32_t priority, uint64_t *ret_request)
@@ -357,8 +354,7 @@ static void test_max_payload(void **state)
     assert_true(fake_greet(&bed.fake));
     assert_true(bed_finish(&bed, batch));
     assert_int_equal(bed_status(batch, 0), BVHD_TOO_LARGE);
-    bvhd_batch_destroy(batch);
-    assert_true(bed_stop(&bed));
+    bed_end(&bed, batch);
 }
 
 int main(void)

@@ -200,8 +200,7 @@ static void test_hands_over(void **state)
     pthread_join(waiting.thread, NULL);
     assert_int_equal(waiting.status, BVHD_OK);
     assert_true(waiting.ended - start < BED_LATE_MS);
-    bvhd_batch_destroy(batch);
-    assert_true(bed_stop(&bed));
+    bed_end(&bed, batch);
 }
 
 struct caller {
@@ -311,8 +310,7 @@ static void test_timeouts(void **state)
     assert_in_range((int)(bed_now() - start), 29, BED_LATE_MS);
     fake_send_result(&bed.fake, request, 0, 10);
     assert_int_equal(bvhd_batch_wait(batch, 0), BVHD_OK); /* a wait looks for results at least once */
-    bvhd_batch_destroy(batch);
-    assert_true(bed_stop(&bed));
+    bed_end(&bed, batch);
 }
 
 static bool is_readable(int descriptor, int timeout_ms)

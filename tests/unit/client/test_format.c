@@ -206,8 +206,7 @@ static void test_items(void **state)
     assert_int_equal(bvhd_batch_result(batch, 1)->target, BVHD_TARGET_LAVAPIPE);
     assert_int_equal(bvhd_batch_result(batch, 0)->target, BVHD_TARGET_PORTABLE);
     assert_string_equal(bvhd_batch_result(batch, 2)->error.where, "infos[2].options.device");
-    bvhd_batch_destroy(batch);
-    assert_true(bed_stop(&bed));
+    bed_end(&bed, batch);
 }
 
 /* A daemon of the previous version cannot read the rows' device fields, and refuses the request as a whole. */
@@ -234,8 +233,7 @@ static void test_older_daemon(void **state)
     assert_int_equal(build->items[0].target, TARGET_PORTABLE);
     assert_memory_equal(&build->items[0].device, &none, sizeof none);
     fake_free(&bed.fake, build);
-    bvhd_batch_destroy(batch);
-    assert_true(bed_stop(&bed));
+    bed_end(&bed, batch);
 }
 
 int main(void)

@@ -79,8 +79,7 @@ static void test_busy_for_the_pool(void **state)
     fake_send_prepared(&bed.fake, frame.header.request, 0, 1);
     fake_send_result(&bed.fake, frame.header.request, 0, 10);
     assert_int_equal(bed_outcome(batch), BVHD_OK);
-    bvhd_batch_destroy(batch);
-    assert_true(bed_stop(&bed));
+    bed_end(&bed, batch);
 }
 
 /* A request cannot be refused once one of its items has its result. */
@@ -109,9 +108,7 @@ static void test_broken_answers(void **state)
     for (size_t i = 0; i < sizeof types / sizeof types[0]; i++) {
         struct client_bed bed;
         uint64_t request;
-        bed_start(&bed);
-        assert_true(bed_connect(&bed));
-        struct bvhd_batch *batch = bed_ask(&bed, &request);
+        struct bvhd_batch *batch = bed_start_asked(&bed, &request);
         fake_send(&bed.fake, types[i], request, broken);
         expect_violation(&bed, batch, i < 5 ? "not a message of this kind" : "the daemon breaks the protocol");
         assert_true(bed_stop(&bed));
@@ -142,17 +139,14 @@ static struct bvhd_error last_words(enum bvhd_status status, const char *where, 
 {
     struct client_bed bed;
     uint64_t request;
-    bed_start(&bed);
-    assert_true(bed_connect(&bed));
-    struct bvhd_batch *batch = bed_ask(&bed, &request);
+    struct bvhd_batch *batch = bed_start_asked(&bed, &request);
     if (is_broken)
         fake_send(&bed.fake, FRAME_ERROR, 0, broken);
     else
         fake_send_error(&bed.fake, 0, status, where, "because");
     assert_int_equal(bed_outcome(batch), BVHD_UNAVAILABLE);
     struct bvhd_error error = bvhd_batch_result(batch, 0)->error;
-    bvhd_batch_destroy(batch);
-    assert_true(bed_stop(&bed));
+    bed_end(&bed, batch);
     return error;
 }
 
@@ -187,8 +181,7 @@ static void test_error_for_the_rest(void **state)
     assert_int_equal(bed_status(batch, 0), BVHD_OK);
     assert_int_equal(bed_status(batch, 1), BVHD_CANCELLED);
     assert_int_equal(bed_status(batch, 2), BVHD_IO);
-    bvhd_batch_destroy(batch);
-    assert_true(bed_stop(&bed));
+    bed_end(&bed, batch);
 }
 
 /* A daemon may cancel what nobody has cancelled, and not for a deadline. */
@@ -197,15 +190,12 @@ static void test_cancelled_by_the_daemon(void **state)
     (void)state;
     struct client_bed bed;
     uint64_t request;
-    bed_start(&bed);
-    assert_true(bed_connect(&bed));
-    struct bvhd_batch *batch = bed_ask(&bed, &request);
+    struct bvhd_batch *batch = bed_start_asked(&bed, &request);
     fake_send_prepared(&bed.fake, request, 0, 1);
     fake_send_failed(&bed.fake, request, 0, BVHD_CANCELLED, "infos[0]");
     assert_int_equal(bed_outcome(batch), BVHD_CANCELLED);
     assert_string_equal(bvhd_batch_result(batch, 0)->error.where, "infos[0]");
-    bvhd_batch_destroy(batch);
-    assert_true(bed_stop(&bed));
+    bed_end(&bed, batch);
 }
 
 /* Answers for cancelled items and for batches that are gone are dropped, and the connection lives. */
@@ -242,8 +232,7 @@ static void test_answers_that_nobody_wants(void **state)
     fake_send_prepared(&bed.fake, request, 0, 1);
     fake_send_result(&bed.fake, request, 0, 10);
     assert_int_equal(bed_outcome(batch), BVHD_OK);
-    bvhd_batch_destroy(batch);
-    assert_true(bed_stop(&bed));
+    bed_end(&bed, batch);
 }
 
 /* A client whose socket is full sends the rest once it hears from the daemon. */

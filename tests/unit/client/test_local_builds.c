@@ -167,17 +167,10 @@ static void start_waiting(struct waiting *waiting, struct bvhd_batch *batch)
     assert_int_equal(pthread_create(&waiting->thread, NULL, wait_for_batch, waiting), 0);
 }
 
-/* Makes a mesh whose build takes much longer than the time until it is cancelled, and submits it. */
-static struct bvhd_batch *submit_long(struct bvhd_client *client, struct terrain *mesh, enum bvhd_priority priority)
+/* Makes a mesh whose build takes much longer than the time until it is cancelled. */
+static void init_long(struct terrain *mesh)
 {
-    struct local_bed_build request;
-    struct bvhd_batch *batch = NULL;
     terrain_init(mesh, 300000, 99);
-    local_bed_describe(mesh, 1, &request);
-    request.build.quality = BVHD_QUALITY_HIGH;
-    request.build.priority = priority;
-    assert_int_equal(bvhd_batch_submit(client, &request.build, &batch, NULL), BVHD_OK);
-    return batch;
 }
 
 /* A build that is cancelled, or whose batch is destroyed, ends the wait of the thread that builds it. */
@@ -189,7 +182,8 @@ static void test_cancel(void **state)
         struct terrain mesh;
         struct waiting waiting;
         local_bed_start(&bed, threads);
-        struct bvhd_batch *batch = submit_long(bed.client, &mesh, BVHD_PRIORITY_NORMAL);
+        init_long(&mesh);
+        struct bvhd_batch *batch = local_bed_submit_long(bed.client, &mesh, BVHD_PRIORITY_NORMAL, 0);
         start_waiting(&waiting, batch);
         usleep(20000);
         bvhd_batch_cancel(batch);
@@ -216,8 +210,9 @@ static void test_destroy(void **state)
         struct terrain mesh;
         struct waiting waiting;
         local_bed_start(&bed, threads);
+        init_long(&mesh);
         struct bvhd_batch *batch = local_bed_submit(bed.client, bed.meshes, 1, BVHD_PRIORITY_LOW);
-        struct bvhd_batch *urgent = submit_long(bed.client, &mesh, BVHD_PRIORITY_HIGH);
+        struct bvhd_batch *urgent = local_bed_submit_long(bed.client, &mesh, BVHD_PRIORITY_HIGH, 0);
         start_waiting(&waiting, batch);
         usleep(20000);
         bvhd_batch_destroy(urgent);
@@ -225,7 +220,8 @@ static void test_destroy(void **state)
         local_bed_expect_ok(batch);
         bvhd_batch_destroy(batch);
         terrain_finish(&mesh);
-        urgent = submit_long(bed.client, &mesh, BVHD_PRIORITY_NORMAL);
+        init_long(&mesh);
+        urgent = local_bed_submit_long(bed.client, &mesh, BVHD_PRIORITY_NORMAL, 0);
         usleep(threads > 0 ? 20000 : 0);
         bvhd_batch_destroy(urgent);
         terrain_finish(&mesh);

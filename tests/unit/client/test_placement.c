@@ -5,7 +5,6 @@
  */
 #include "tests/support/unit.h"
 
-#include <dirent.h>
 #include <fcntl.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
@@ -13,6 +12,7 @@
 
 #include "client/placement.h"
 #include "proto/wire/rows.h"
+#include "tests/support/open_descriptors.h"
 
 enum { POOL_SEALS = F_SEAL_SHRINK | F_SEAL_GROW, OWN_SEALS = F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_WRITE | F_SEAL_SEAL };
 
@@ -42,16 +42,6 @@ static void free_mesh(struct mesh *mesh)
 {
     free(mesh->vertices);
     free(mesh->expected);
-}
-
-static int open_descriptors(void)
-{
-    DIR *folder = opendir("/proc/self/fd");
-    int count = 0;
-    while (readdir(folder))
-        count++;
-    closedir(folder);
-    return count;
 }
 
 static enum bvhd_status take(struct placement *placement, const struct mesh *mesh, struct held *ret_held)

@@ -12,6 +12,7 @@
 #include <sys/file.h>
 #include <sys/statvfs.h>
 
+#include "tests/support/open_descriptors.h"
 #include "tests/support/scratch.h"
 
 #include "tests/support/builder/store_bed.h"
@@ -105,17 +106,6 @@ int __wrap_open64(const char *name, int flags, mode_t mode);
 int __wrap_open64(const char *name, int flags, mode_t mode)
 {
     return fails(false) ? -1 : __real_open64(name, flags, mode);
-}
-
-static uint32_t open_descriptors(void)
-{
-    uint32_t count = 0;
-    DIR *folder = opendir("/proc/self/fd");
-    assert_non_null(folder);
-    while (readdir(folder))
-        count++;
-    closedir(folder);
-    return count;
 }
 
 /* What is tried under faults. Each returns the status of the call. */

@@ -12,8 +12,7 @@ static struct world_mesh mesh;
 static int set_up(void **state)
 {
     (void)state;
-    struct service_options options = world_options();
-    world_init(&world, &options);
+    world_init(&world, NULL);
     world_mesh_init(&mesh, 300, 1);
     return 0;
 }
@@ -334,11 +333,8 @@ static void test_builds_do_not_push_each_other_over(void **state)
 static void test_a_shortage_beside_others_is_tried_again(void **state)
 {
     (void)state;
-    struct service_options options = world_options();
     struct world_mesh meshes[2];
-    world_finish(&world);
-    options.memory = 32 << 20;
-    world_init(&world, &options);
+    world_restart(&world, 32 << 20);
     struct world_client *client = world_join(&world);
     world_mesh_init(&meshes[0], 20000, 1);
     world_mesh_init(&meshes[1], 20000, 2);
@@ -370,11 +366,8 @@ static void test_a_shortage_beside_others_is_tried_again(void **state)
 static void test_a_shortage_alone_is_an_error_and_not_kept(void **state)
 {
     (void)state;
-    struct service_options options = world_options();
     struct world_mesh large;
-    world_finish(&world);
-    options.memory = 16 << 20;
-    world_init(&world, &options);
+    world_restart(&world, 16 << 20);
     struct world_client *client = world_join(&world);
     world_mesh_init(&large, 100000, 1); /* a build takes 14 MB, its copy 3.6 MB */
     ask(client, 1, &large);
@@ -399,12 +392,9 @@ static void test_what_is_admitted_can_be_built(void **state)
 {
     (void)state;
     enum { CLIENTS = 4, EACH = 2 };
-    struct service_options options = world_options();
     struct world_mesh meshes[CLIENTS * EACH];
     struct world_client *clients[CLIENTS];
-    world_finish(&world);
-    options.memory = 16 << 20;
-    world_init(&world, &options);
+    world_restart(&world, 16 << 20);
     for (uint32_t i = 0; i < CLIENTS * EACH; i++) {
         world_mesh_init(&meshes[i], 48000, i); /* with its copy it takes 10.7 MiB of 12, and the copy 2.3 */
         if (i < CLIENTS)
@@ -519,11 +509,8 @@ static void test_a_shared_build_has_the_highest_priority(void **state)
 static void test_waiting_for_memory_is_fair(void **state)
 {
     (void)state;
-    struct service_options options = world_options();
     struct world_mesh meshes[12];
-    world_finish(&world);
-    options.memory = 16 << 20;
-    world_init(&world, &options);
+    world_restart(&world, 16 << 20);
     struct world_client *greedy = world_join(&world), *modest = world_join(&world);
     greedy->hold = true;
     for (uint32_t i = 0; i < 12; i++) {

@@ -13,8 +13,7 @@ static struct world_mesh mesh;
 static int set_up(void **state)
 {
     (void)state;
-    struct service_options options = world_options();
-    world_init(&world, &options);
+    world_init(&world, NULL);
     world_mesh_init(&mesh, TRIANGLES, 1);
     return 0;
 }

@@ -19,8 +19,7 @@ static int tear_down(void **state)
 
 static void begin(void)
 {
-    struct service_options options = world_options();
-    world_init(&world, &options);
+    world_init(&world, NULL);
 }
 
 static void write_text(void)

@@ -5,14 +5,14 @@
 #include <sched.h>
 
 #include "tests/support/daemon/session_world.h"
+#include "tests/support/open_descriptors.h"
 
 static struct session_world world;
 
 static int set_up(void **state)
 {
     (void)state;
-    struct service_options options = world_options();
-    world_init(&world, &options);
+    world_init(&world, NULL);
     return 0;
 }
 
@@ -113,7 +113,7 @@ static void test_broken_frames_end_the_connection(void **state)
     for (size_t i = 0; i < sizeof broken / sizeof *broken; i++) {
         struct world_client *client = world_join(&world);
         uint32_t before = client->event_count;
-        int descriptors = world_descriptors();
+        int descriptors = open_descriptors();
         struct bytes control = {(const unsigned char *)broken[i].control, strlen(broken[i].control)};
         assert_int_not_equal(send_bare(client, broken[i].type, broken[i].request, broken[i].descriptors, control),
                              BVHD_OK);
@@ -150,7 +150,7 @@ static void test_unknown_types_are_unsupported(void **state)
 {
     (void)state;
     struct world_client *client = world_join(&world);
-    int descriptors = world_descriptors();
+    int descriptors = open_descriptors();
     assert_int_equal(send_bare(client, (enum frame_type)40, 3, 2, (struct bytes){(const unsigned char *)"hello", 5}),
                      BVHD_OK);
     assert_int_equal(send_bare(client, FRAME_RESULT, 4, 0, (struct bytes){0}), BVHD_OK);
@@ -172,7 +172,11 @@ static void test_rows_of_later_versions_are_unsupported(void **state)
     assert_int_equal(send_bare(client, FRAME_BUILD, 1, 0, bytes), BVHD_OK);
     assert_null(world_find(client, FRAME_ERROR, 1, 0));
     control[6 + 162] = 1;
+<<<<<<< Updated upstream
     int descriptors = world_descriptors();
+=======
+    int descriptors = open_descriptors();
+>>>>>>> Stashed changes
     assert_int_equal(send_bare(client, FRAME_BUILD, 2, 0, bytes), BVHD_OK);
     assert_int_equal(world_find(client, FRAME_ERROR, 2, 0)->error->status, BVHD_UNSUPPORTED);
     assert_int_equal(send_bare(client, FRAME_BUILD, 3, 2, bytes), BVHD_OK);
@@ -330,10 +334,7 @@ static void test_bad_pools_leave_the_old_one(void **state)
 static void test_pools_together_have_a_limit(void **state)
 {
     (void)state;
-    struct service_options options = world_options();
-    world_finish(&world);
-    options.memory = 16 << 20;
-    world_init(&world, &options);
+    world_restart(&world, 16 << 20);
     struct world_client *first = world_join_as(&world, 1), *second = world_join_as(&world, 1);
     struct world_client *other = world_join_as(&world, 2);
     world_pool(first, 1, pool_of(2 << 20), 2 << 20);

@@ -14,8 +14,7 @@ static struct session_world world;
 static int set_up(void **state)
 {
     (void)state;
-    struct service_options options = world_options();
-    world_init(&world, &options);
+    world_init(&world, NULL);
     return 0;
 }
 

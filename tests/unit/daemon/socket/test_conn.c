@@ -12,8 +12,7 @@ static void test_hello_ping_end(void **state)
     struct bed bed;
     (void)state;
     bed_open(&bed, NULL);
-    struct bed_client *client = bed_connect(&bed, 1000);
-    bed_hello(&bed, client);
+    struct bed_client *client = bed_join(&bed, 1000);
     assert_int_equal(bed.service.connections, 1);
     for (uint64_t i = 1; i <= 100; i++) {
         assert_true(bed_send(client, FRAME_PING, i));
@@ -75,8 +74,7 @@ static void test_fails_while_sending(void **state)
     (void)state;
     struct bed bed;
     bed_open(&bed, NULL);
-    struct bed_client *client = bed_connect(&bed, 1);
-    bed_hello(&bed, client);
+    struct bed_client *client = bed_join(&bed, 1);
     bed_send(client, FAKE_FAIL_SENT, 1);
     bed_expect(&bed, client, FRAME_PONG, 1);
     bed_expect_error(&bed, client, BVHD_NO_MEMORY);
@@ -90,8 +88,7 @@ static void test_broken_while_sending(void **state)
     static char much[64 * 1024];
     (void)state;
     bed_open(&bed, NULL);
-    struct bed_client *client = bed_connect(&bed, 1);
-    bed_hello(&bed, client);
+    struct bed_client *client = bed_join(&bed, 1);
     bed_send(client, FAKE_WRONG, 1);
     for (int i = 0; i < 50; i++) {
         while (send(client->socket, much, sizeof much, MSG_NOSIGNAL) > 0)
@@ -161,8 +158,7 @@ static void test_half_close(void **state)
     struct frame frame;
     (void)state;
     bed_open(&bed, NULL);
-    struct bed_client *client = bed_connect(&bed, 1);
-    bed_hello(&bed, client);
+    struct bed_client *client = bed_join(&bed, 1);
     shutdown(client->socket, SHUT_WR);
     bed_pump(&bed, 0);
     assert_int_equal(bed.service.closed, 1);
@@ -213,16 +209,14 @@ static void test_too_many_descriptors(void **state)
     (void)state;
     bed_open(&bed, NULL);
     for (uint32_t count = INLET_DESCRIPTORS + 1; count <= 64; count += 15) {
-        struct bed_client *client = bed_connect(&bed, 1);
-        bed_hello(&bed, client);
+        struct bed_client *client = bed_join(&bed, 1);
         send_many_descriptors(client, count);
         bed_expect_error(&bed, client, BVHD_TOO_LARGE);
         bed_hang_up(client);
         bed_pump(&bed, 0);
         assert_int_equal(bed.service.descriptors.used, 0);
     }
-    struct bed_client *client = bed_connect(&bed, 1);
-    bed_hello(&bed, client);
+    struct bed_client *client = bed_join(&bed, 1);
     send_many_descriptors(client, 4);
     bed_send(client, FRAME_PING, 5);
     bed_expect(&bed, client, FRAME_PONG, 5);
@@ -338,8 +332,7 @@ static void test_unfinished_frame_of_the_broken(void **state)
     unsigned char bytes[FRAME_HEADER_SIZE];
     (void)state;
     bed_open(&bed, NULL);
-    struct bed_client *client = bed_connect(&bed, 1);
-    bed_hello(&bed, client);
+    struct bed_client *client = bed_join(&bed, 1);
     frame_header_write(&(struct frame_header){.type = FRAME_PING, .control_size = 100000, .request = 1}, bytes);
     assert_true(bed_send_bytes(client, bytes, FRAME_HEADER_SIZE, NULL, 0));
     bed_pump(&bed, 0);

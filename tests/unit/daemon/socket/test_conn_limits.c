@@ -27,8 +27,7 @@ static void test_descriptors_in_order(void **state)
     struct bed bed;
     (void)state;
     bed_open(&bed, NULL);
-    struct bed_client *client = bed_connect(&bed, 1);
-    bed_hello(&bed, client);
+    struct bed_client *client = bed_join(&bed, 1);
     int before = send_buffer(&bed);
     bed_send(client, FRAME_GET, 50);
     bed_pump(&bed, 5);
@@ -95,8 +94,7 @@ static void test_unread_results_that_others_wait_for(void **state)
     limits.stall_ms = 200;
     limits.held_ms = 20;
     bed_open(&bed, &limits);
-    struct bed_client *client = bed_connect(&bed, 1);
-    bed_hello(&bed, client);
+    struct bed_client *client = bed_join(&bed, 1);
     bed_send(client, FRAME_GET, 2);
     bed_pump(&bed, 300);
     assert_int_equal(bed.service.closed, 0);
@@ -117,8 +115,7 @@ static void test_a_talkative_client_has_to_read(void **state)
     struct bed bed;
     (void)state;
     bed_open(&bed, NULL);
-    struct bed_client *client = bed_connect(&bed, 1);
-    bed_hello(&bed, client);
+    struct bed_client *client = bed_join(&bed, 1);
     bed_send(client, FRAME_GET, 10); /* more than may be unread */
     bed_pump(&bed, 20);
     bed.service.is_talkative = true;
@@ -138,8 +135,7 @@ static void test_reads_one_at_a_time(void **state)
     struct bed bed;
     (void)state;
     bed_open(&bed, NULL);
-    struct bed_client *client = bed_connect(&bed, 1);
-    bed_hello(&bed, client);
+    struct bed_client *client = bed_join(&bed, 1);
     for (uint64_t i = 0; i < 20; i++) {
         bed_send(client, FRAME_GET, 1);
         bed_send(client, FRAME_PING, 1000 + i);
@@ -168,8 +164,7 @@ static void test_waiting_is_quiet(void **state)
         struct bed bed;
         int iterations = 0;
         bed_open(&bed, NULL);
-        struct bed_client *client = bed_connect(&bed, 1);
-        bed_hello(&bed, client);
+        struct bed_client *client = bed_join(&bed, 1);
         bed_send(client, FRAME_GET, 20);
         bed_pump(&bed, 5);
         for (int i = 0; i < read; i++)
@@ -224,8 +219,7 @@ static void test_asks_and_never_reads(void **state)
     limits.queue_bytes = 1 << 20;
     limits.share_us = UINT32_MAX;
     bed_open(&bed, &limits);
-    struct bed_client *client = bed_connect(&bed, 1);
-    bed_hello(&bed, client);
+    struct bed_client *client = bed_join(&bed, 1);
     for (int i = 0; i < 200; i++)
         bed_send(client, FRAME_STATS, 1);
     bed_pump(&bed, 20);
@@ -247,8 +241,7 @@ static void test_reads_slowly(void **state)
     limits.stall_ms = 100;
     limits.queue_bytes = 1 << 20;
     bed_open(&bed, &limits);
-    struct bed_client *client = bed_connect(&bed, 1);
-    bed_hello(&bed, client);
+    struct bed_client *client = bed_join(&bed, 1);
     for (uint64_t i = 1; i <= 60; i++)
         bed_send(client, FRAME_STATS, i);
     for (uint64_t i = 1; i <= 60; i++) {
@@ -298,8 +291,7 @@ static void test_frame_that_trickles(void **state)
     (void)state;
     limits.frame_ms = 200;
     bed_open(&bed, &limits);
-    struct bed_client *client = bed_connect(&bed, 1);
-    bed_hello(&bed, client);
+    struct bed_client *client = bed_join(&bed, 1);
     frame_header_write(&(struct frame_header){.type = FRAME_PING, .request = 1, .control_size = 1000}, bytes);
     size_t sent = 0;
     for (; sent < sizeof bytes && bed.service.closed == 0; sent++) {
@@ -319,8 +311,7 @@ static void test_waits_for_others(void **state)
     (void)state;
     limits.stall_ms = 50;
     bed_open(&bed, &limits);
-    struct bed_client *client = bed_connect(&bed, 1);
-    bed_hello(&bed, client);
+    struct bed_client *client = bed_join(&bed, 1);
     atomic_store(&bed.service.descriptors.unread, bed.service.descriptors.limit / 2);
     bed_send(client, FRAME_GET, 1);
     bed_pump(&bed, 150);
@@ -369,8 +360,7 @@ static void test_share_of_time(void **state)
     (void)state;
     limits.share_us = 1;
     bed_open(&bed, &limits);
-    struct bed_client *client = bed_connect(&bed, 1);
-    bed_hello(&bed, client);
+    struct bed_client *client = bed_join(&bed, 1);
     for (uint64_t i = 1; i <= 10; i++)
         bed_send(client, FAKE_COSTLY, i);
     uint32_t before = bed.service.frames;
@@ -441,8 +431,7 @@ static void refused_by_the_kernel(void)
     if (geteuid() == 0)
         assert_int_equal(setresuid(64321, 64321, 64321), 0);
     bed_open(&bed, NULL);
-    struct bed_client *client = bed_connect(&bed, 1);
-    bed_hello(&bed, client);
+    struct bed_client *client = bed_join(&bed, 1);
     int sender = use_up_unread(&reader);
     getrlimit(RLIMIT_NOFILE, &limit);
     setrlimit(RLIMIT_NOFILE, &(struct rlimit){.rlim_cur = 60, .rlim_max = limit.rlim_max});
@@ -482,8 +471,7 @@ static void test_short_of_descriptors(void **state)
     unsigned char bytes[FRAME_HEADER_SIZE];
     (void)state;
     bed_open(&bed, NULL);
-    struct bed_client *client = bed_connect(&bed, 1);
-    bed_hello(&bed, client);
+    struct bed_client *client = bed_join(&bed, 1);
     use_up_descriptors(&bed, DESCRIPTORS_RESERVE + 1 + INLET_DESCRIPTORS - 1); /* the user holds one: its socket */
     uint32_t used = bed.service.descriptors.used, frames = bed.service.frames;
     int descriptors[4] = {frames_descriptor(NULL), frames_descriptor(NULL), frames_descriptor(NULL),
@@ -514,8 +502,7 @@ static void test_short_of_memory(void **state)
     (void)state;
     limits.stall_ms = 50;
     bed_open(&bed, &limits);
-    struct bed_client *client = bed_connect(&bed, 1);
-    bed_hello(&bed, client);
+    struct bed_client *client = bed_join(&bed, 1);
     bed.service.memory.limit = bed.service.memory.live + 40000;
     frame_header_write(&(struct frame_header){.type = FRAME_PING, .request = 1, .control_size = 60000}, bytes);
     bed_send_bytes(client, bytes, sizeof bytes, NULL, 0);
@@ -532,8 +519,7 @@ static void test_idle_costs_nothing(void **state)
     struct bed bed;
     (void)state;
     bed_open(&bed, NULL);
-    struct bed_client *client = bed_connect(&bed, 1);
-    bed_hello(&bed, client);
+    struct bed_client *client = bed_join(&bed, 1);
     bed_send(client, FRAME_GET, 10);
     for (uint64_t i = 1; i <= 10; i++)
         bed_expect(&bed, client, FRAME_RESULT, i);

@@ -73,9 +73,9 @@ static void expect_broken(struct frame_parser *parser, enum bvhd_status want, co
     unsigned char *at;
     uint64_t size;
     assert_int_equal(frame_parser_space(parser, &at, &size, &error), want);
-    int before = frames_open(), descriptor = frames_descriptor(NULL);
+    int before = open_descriptors(), descriptor = frames_descriptor(NULL);
     assert_int_equal(frame_parser_feed(parser, 0, &descriptor, 1, NULL), want);
-    assert_int_equal(frames_open(), before);
+    assert_int_equal(open_descriptors(), before);
 }
 
 static void the_header_is_a_table(void **state)
@@ -332,7 +332,7 @@ struct story {
 static void open_story(struct story *story)
 {
     static const uint8_t declared[3] = {0, 2, 1};
-    *story = (struct story){.stream = empty_stream(), .open = frames_open()};
+    *story = (struct story){.stream = empty_stream(), .open = open_descriptors()};
     for (int i = 0; i < 3; i++) {
         story->starts[i] = story->stream->size;
         frames_add(story->stream,
@@ -367,7 +367,7 @@ static void close_story(struct story *story)
     assert_int_equal(second.descriptors[2], -1);
     expect_none(&story->parser);
     stop(&story->parser);
-    assert_int_equal(frames_open(), story->open);
+    assert_int_equal(open_descriptors(), story->open);
 }
 
 /* Expects a failure after `good` frames; all descriptors are closed. */
@@ -420,12 +420,12 @@ static void a_frame_is_complete_without_its_descriptors(void **state)
     break_story(&story, 1);
     close(story.descriptors[1]);
     close(story.descriptors[2]);
-    assert_int_equal(frames_open(), story.open);
+    assert_int_equal(open_descriptors(), story.open);
     open_story(&story);
     assert_int_equal(tell(&story, 0, story.starts[3], 0, 2), BVHD_OK);
     break_story(&story, 2);
     close(story.descriptors[2]);
-    assert_int_equal(frames_open(), story.open);
+    assert_int_equal(open_descriptors(), story.open);
 }
 
 static void descriptors_that_no_frame_declares_are_found(void **state)
@@ -437,15 +437,15 @@ static void descriptors_that_no_frame_declares_are_found(void **state)
     break_story(&story, 0);
     close(story.descriptors[1]);
     close(story.descriptors[2]);
-    assert_int_equal(frames_open(), story.open);
+    assert_int_equal(open_descriptors(), story.open);
     open_story(&story); /* they come in the middle of that frame, and are detected before its end */
     assert_int_equal(tell(&story, 0, 40, 0, 3), BVHD_OK);
     break_story(&story, 0);
-    assert_int_equal(frames_open(), story.open);
+    assert_int_equal(open_descriptors(), story.open);
     open_story(&story); /* one more comes than is declared */
     assert_int_equal(tell(&story, 0, story.starts[2], 0, 3), BVHD_OK);
     break_story(&story, 1);
-    assert_int_equal(frames_open(), story.open);
+    assert_int_equal(open_descriptors(), story.open);
 }
 
 /* An unfinished frame holds no more descriptors than it declares, or than any frame may have while that is unknown. */
@@ -455,7 +455,7 @@ static void a_frame_that_trickles_holds_few_descriptors(void **state)
     for (uint32_t known = 0; known < 2; known++) {
         struct frames_stream *stream = empty_stream();
         frames_add(stream, &(struct frame_header){.type = 3, .descriptors = 2, .control_size = 100, .request = 1});
-        int open = frames_open(), descriptors[FRAME_MAX_DESCRIPTORS + 1];
+        int open = open_descriptors(), descriptors[FRAME_MAX_DESCRIPTORS + 1];
         uint64_t at = known ? FRAME_HEADER_SIZE : 1;
         uint32_t most = known ? 2 : FRAME_MAX_DESCRIPTORS;
         for (uint32_t i = 0; i <= most; i++)
@@ -469,7 +469,7 @@ static void a_frame_that_trickles_holds_few_descriptors(void **state)
         assert_int_equal(feed(&parser, stream->bytes + at, 1, descriptors + most, 1), BVHD_OK);
         assert_int_equal(frame_parser_next(&parser, &frame, &found, NULL), BVHD_CORRUPT);
         stop(&parser);
-        assert_int_equal(frames_open(), open);
+        assert_int_equal(open_descriptors(), open);
     }
 }
 
@@ -482,7 +482,7 @@ static void unclaimed_descriptors_are_closed(void **state)
     next(&story.parser);
     expect_none(&story.parser);
     stop(&story.parser);
-    assert_int_equal(frames_open(), story.open);
+    assert_int_equal(open_descriptors(), story.open);
     frame_parser_finish(NULL);
 }
 
@@ -494,7 +494,7 @@ static void the_queue_has_an_end(void **state)
 {
     (void)state;
     for (uint32_t over = 0; over < 2; over++) {
-        int open = frames_open(), descriptors[FRAME_QUEUE + 1];
+        int open = open_descriptors(), descriptors[FRAME_QUEUE + 1];
         struct frames_stream *stream = empty_stream();
         for (int i = 0; i < 8; i++)
             frames_add(stream, &(struct frame_header){.type = 3, .descriptors = 4, .request = 1});
@@ -512,7 +512,7 @@ static void the_queue_has_an_end(void **state)
             }
         }
         stop(&parser);
-        assert_int_equal(frames_open(), open);
+        assert_int_equal(open_descriptors(), open);
     }
 }
 

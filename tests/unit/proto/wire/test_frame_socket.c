@@ -144,7 +144,7 @@ static void descriptors_find_their_frames(void **state)
 {
     (void)state;
     static struct traffic traffic;
-    int open = frames_open();
+    int open = open_descriptors();
     for (uint64_t seed = 0; seed < ROUNDS; seed++) {
         make_traffic(&traffic, seed);
         while (traffic.received < MOST) {
@@ -158,7 +158,7 @@ static void descriptors_find_their_frames(void **state)
         close(traffic.sockets[0]);
         close(traffic.sockets[1]);
         assert_int_equal(memory.live, 0);
-        assert_int_equal(frames_open(), open);
+        assert_int_equal(open_descriptors(), open);
     }
 }
 
