@@ -172,11 +172,7 @@ static void test_rows_of_later_versions_are_unsupported(void **state)
     assert_int_equal(send_bare(client, FRAME_BUILD, 1, 0, bytes), BVHD_OK);
     assert_null(world_find(client, FRAME_ERROR, 1, 0));
     control[6 + 162] = 1;
-<<<<<<< Updated upstream
-    int descriptors = world_descriptors();
-=======
     int descriptors = open_descriptors();
->>>>>>> Stashed changes
     assert_int_equal(send_bare(client, FRAME_BUILD, 2, 0, bytes), BVHD_OK);
     assert_int_equal(world_find(client, FRAME_ERROR, 2, 0)->error->status, BVHD_UNSUPPORTED);
     assert_int_equal(send_bare(client, FRAME_BUILD, 3, 2, bytes), BVHD_OK);
