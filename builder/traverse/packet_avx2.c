@@ -86,13 +86,18 @@ struct packet_hits {
     uint32_t maybe, is_clear; /* lanes: the ray can meet the triangle; the numbers above are its hit */
 };
 
+BOXTEST_AVX2_INLINE __m256d spread(const float *from)
+{
+    return _mm256_cvtps_pd(_mm_broadcast_ss(from));
+}
+
 /* Returns a coordinate of a corner relative to the rays' origins, along the k-th axis in each ray's order. */
 BOXTEST_AVX2_INLINE __m256d move_along(const struct packet_triangles *ray, const int *const orders[3], bool is_mixed,
                                        int k, const float *corner)
 {
-    __m256d at = _mm256_set1_pd(corner[orders[0][k]]);
+    __m256d at = spread(&corner[orders[0][k]]);
     if (is_mixed)
-        at = choose(at, _mm256_set1_pd(corner[orders[1][k]]), _mm256_set1_pd(corner[orders[2][k]]), ray);
+        at = choose(at, spread(&corner[orders[1][k]]), spread(&corner[orders[2][k]]), ray);
     return _mm256_sub_pd(at, ray->origin[k]);
 }
 
@@ -147,8 +152,7 @@ BOXTEST_AVX2_INLINE void meet_four(const struct packet_triangles *ray, const int
 BOXTEST_AVX2_INLINE void meet_triangle(struct packet *packet, uint32_t record, uint32_t lanes, bool is_mixed)
 {
     const float *corners[3];
-    const uint32_t id = packet->is_indexed ? traverse_corners_indexed(packet->view, record, corners)
-                                           : traverse_corners_stored(packet->view, record, corners);
+    const uint32_t id = traverse_corners_stored(packet->view, record, corners);
     packet->counters.triangles += (unsigned)__builtin_popcount(lanes);
     for (unsigned half = 0; half < 2; half++) {
         struct packet_hits hits;
@@ -322,13 +326,11 @@ static void count(const struct packet *packet, struct traverse_counters *counter
 BOXTEST_AVX2_INLINE void packet_begin(struct packet *packet, struct traverse_walk *states,
                                       const struct portable_view *view, const struct unpacked_node *nodes)
 {
-    static const uint32_t sizes[] = {sizeof(struct portable_indexed_triangle), sizeof(struct portable_triangle),
-                                     sizeof(struct portable_aabb), sizeof(struct portable_instance)};
     packet->states = states;
     packet->view = view;
     packet->nodes = nodes;
-    packet->is_indexed = view->header->content == PORTABLE_INDEXED_TRIANGLES;
-    packet->record_size = sizes[view->header->content];
+    packet->record_size = view->header->content == PORTABLE_INSTANCES ? sizeof(struct portable_instance)
+                                                                      : sizeof(struct portable_triangle);
     packet->counters = (struct traverse_counters){0, 0, 0};
     packet->ready = 0;
 }
@@ -398,7 +400,7 @@ BOXTEST_AVX2 static void meet_instance(struct packet *packet, uint32_t row, uint
     if (bottom >= scene->bottom_count || !scene->bottoms[bottom])
         return;
     lanes = lanes_that_see(packet, lanes, record->custom_and_mask >> 24);
-    const bool is_unpacked = scene->unpacked[bottom] && scene->bottoms[bottom]->header->content <= PORTABLE_TRIANGLES;
+    const bool is_unpacked = scene->unpacked[bottom] && scene->bottoms[bottom]->header->content == PORTABLE_TRIANGLES;
     if (__builtin_popcount(lanes) <= ALONE || !is_unpacked)
         meet_instance_alone(packet, row, lanes);
     else

@@ -46,7 +46,6 @@ struct packet {
     float bundle_tmin, bundle_slack;
     uint32_t ready; /* the lanes whose walks are prepared */
     uint32_t live; /* the lanes whose rays are not finished */
-    bool is_indexed;
     uint32_t record_size;
     const struct portable_view *view;
     const struct unpacked_node *nodes;

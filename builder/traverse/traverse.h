@@ -30,7 +30,10 @@ struct scene {
     const struct portable_view *const *bottoms;
     uint32_t bottom_count;
     const uint32_t *rows; /* the row of bottoms for each handle of the top level; NULL: handle i is row i */
-    /* The nodes of each of the bottoms that is unpacked (unpacked.h), else NULL; NULL: none is. */
+    /*
+     * The nodes of each of the bottoms that is unpacked (unpacked.h), else NULL; NULL: none is. The triangles of those
+     * bottoms are stored ones.
+     */
     const struct unpacked_node *const *unpacked;
     const struct unpacked_node *unpacked_top; /* the nodes of the top level, or NULL */
 };

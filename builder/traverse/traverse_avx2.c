@@ -100,12 +100,11 @@ BOXTEST_AVX2_INLINE bool meet_leaves(const struct avx2_walk *walk, const struct 
 
 /* Does the same for an unpacked node. */
 BOXTEST_AVX2_INLINE bool meet_unpacked_leaves(const struct avx2_walk *walk, const struct unpacked_node *node,
-                                              unsigned leaves, bool is_indexed)
+                                              unsigned leaves)
 {
     for (unsigned slot = 0; slot < 8; slot++) {
         const uint32_t child = node->children[slot];
-        if (leaves >> slot & 1 &&
-            !meet(walk, child & CHILD_INDEX_MASK, (2u << (child >> CHILD_KIND_SHIFT)) - 1, is_indexed))
+        if (leaves >> slot & 1 && !meet(walk, child & CHILD_INDEX_MASK, (2u << (child >> CHILD_KIND_SHIFT)) - 1, false))
             return false;
     }
     return true;
@@ -195,7 +194,6 @@ BOXTEST_AVX2 void traverse_avx2_any_instances(struct traverse_walk *walk, const 
 BOXTEST_AVX2 void avx2_walk_any(struct avx2_walk *walk, uint32_t start)
 {
     const struct unpacked_node *nodes = walk->unpacked;
-    const bool is_indexed = walk->view->header->content == PORTABLE_INDEXED_TRIANGLES;
     uint32_t stack[AVX2_STACK_SIZE], *top = stack;
     uint64_t visited = 0;
     float near[8];
@@ -207,7 +205,7 @@ BOXTEST_AVX2 void avx2_walk_any(struct avx2_walk *walk, uint32_t start)
         if (hits == 0)
             continue;
         const unsigned inners = inner_slots(node), leaves = hits & ~inners, inner = hits & inners;
-        if (leaves != 0 && !meet_unpacked_leaves(walk, node, leaves, is_indexed))
+        if (leaves != 0 && !meet_unpacked_leaves(walk, node, leaves))
             break;
         if (inner != 0)
             top = push_unpacked_inner(nodes, node, inner, walk->boxes.backward, top);
@@ -304,7 +302,7 @@ BOXTEST_AVX2_INLINE bool open_unpacked(const struct avx2_walk *walk, uint32_t in
 
 BOXTEST_AVX2_INLINE void find_closest_in(struct avx2_walk *walk, uint32_t child, bool is_unpacked)
 {
-    const bool is_indexed = walk->view->header->content == PORTABLE_INDEXED_TRIANGLES;
+    const bool is_indexed = !is_unpacked && walk->view->header->content == PORTABLE_INDEXED_TRIANGLES;
     const uintptr_t record_rows = is_indexed ? 1 : 3; /* in units of 16 bytes */
     uint64_t stack[AVX2_STACK_SIZE], *top = stack, visited = 0;
     for (;;) {

@@ -117,3 +117,19 @@ void unpacked_fill(const struct portable_view *view, struct unpacked_node *ret_n
         }
     }
 }
+
+void unpacked_store_corners(struct portable_view *view, struct unpacked_triangles *ret_triangles)
+{
+    ret_triangles->header = *view->header;
+    ret_triangles->header.content = PORTABLE_TRIANGLES;
+    for (uint32_t record = 0; record < view->header->record_count; record++) {
+        const float *corners[3];
+        struct portable_triangle *to = &ret_triangles->triangles[record];
+        *to = (struct portable_triangle){.id = traverse_corners_indexed(view, record, corners)};
+        memcpy(to->v0, corners[0], sizeof to->v0);
+        memcpy(to->v1, corners[1], sizeof to->v1);
+        memcpy(to->v2, corners[2], sizeof to->v2);
+    }
+    view->header = &ret_triangles->header;
+    view->records = ret_triangles->triangles;
+}

@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * unpacked.h - a copy of a portable structure's nodes that is faster to traverse: boxes are floats and as tight as the
- * triangles allow, so that a node is tested with fewer instructions and rays that leave a surface meet fewer nodes. It
- * takes 224 bytes a node, about 20 bytes a triangle.
+ * unpacked.h - a copy of a portable structure that is faster to traverse. The boxes of its nodes are floats and as
+ * tight as the triangles allow, so that a node is tested with fewer instructions and rays that leave a surface meet
+ * fewer nodes. The corners of its triangles lie beside each other, so that a triangle is one access to memory instead
+ * of four. The copy takes 224 bytes a node and 48 bytes a triangle, about 70 bytes a triangle in all.
  *
  * Structures of triangles and top levels are unpacked. A child's box is the box in the portable node, less what lies
  * outside all triangles below it, or outside the portable boxes of all instances below it. A hit lies in the boxes of
@@ -39,5 +40,23 @@ static const float unpacked_nowhere = 0x1p61f;
  * its size.
  */
 void unpacked_fill(const struct portable_view *view, struct unpacked_node *ret_nodes);
+
+/* Indexed triangles with their corners beside each other: what a view needs in order to have stored triangles. */
+struct unpacked_triangles {
+    struct portable_header header;
+    struct portable_triangle triangles[];
+};
+
+/* Returns the size in bytes for a number of triangles. */
+static inline uint64_t unpacked_triangles_size(uint32_t count)
+{
+    return sizeof(struct unpacked_triangles) + (uint64_t)count * sizeof(struct portable_triangle);
+}
+
+/*
+ * Copies the triangles of a view of indexed ones, and changes the view so that it has these copies as its records. They
+ * have the same rows, ids and corners, so that rays have the same hits.
+ */
+void unpacked_store_corners(struct portable_view *view, struct unpacked_triangles *ret_triangles);
 
 #endif

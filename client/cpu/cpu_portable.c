@@ -8,6 +8,17 @@
 #include "builder/traverse/boxtest.h"
 #include "client/library.h"
 
+/* Puts the corners of triangles beside each other, so that rays need not fetch them one by one. */
+static enum bvhd_status store_corners(struct cpu_structure *structure, struct bvhd_error *error)
+{
+    const uint32_t count = structure->view.portable.header->record_count;
+    structure->triangles = memory_alloc(&library_memory, unpacked_triangles_size(count));
+    if (!structure->triangles)
+        return bvhd_error_no_memory(error, "data", "no memory for the corners of %" PRIu32 " triangles", count);
+    unpacked_store_corners(&structure->view.portable, structure->triangles);
+    return BVHD_OK;
+}
+
 /* Unpacks the nodes of triangles and of instances where the traversal uses them. */
 static enum bvhd_status unpack(struct cpu_structure *structure, struct bvhd_error *error)
 {
@@ -18,7 +29,7 @@ static enum bvhd_status unpack(struct cpu_structure *structure, struct bvhd_erro
     if (!structure->unpacked)
         return bvhd_error_no_memory(error, "data", "no memory to unpack %" PRIu32 " nodes", header->node_count);
     unpacked_fill(&structure->view.portable, structure->unpacked);
-    return BVHD_OK;
+    return header->content == PORTABLE_INDEXED_TRIANGLES ? store_corners(structure, error) : BVHD_OK;
 }
 
 static enum bvhd_status open_structure(struct cpu_structure *structure, struct bvhd_error *error)

@@ -96,7 +96,8 @@ static enum bvhd_status open_bottoms(const struct opening *opening)
             return refuse(opening, place("blobs[%" PRIu32 "]: size", entries[i].number).text,
                           "not that of an earlier blob with the same data");
         else
-            *structure = (struct cpu_structure){structure->blob, before->view, before->unpacked, true};
+            *structure =
+                (struct cpu_structure){structure->blob, before->view, before->unpacked, before->triangles, true};
         if (status != BVHD_OK)
             return status;
     }
@@ -234,9 +235,12 @@ void bvhd_cpu_scene_destroy(struct bvhd_cpu_scene *scene)
 {
     if (!scene)
         return;
-    for (uint32_t i = 0; scene->structures && i < scene->structure_count; i++)
-        if (!scene->structures[i].is_shared)
-            memory_free(&library_memory, scene->structures[i].unpacked);
+    for (uint32_t i = 0; scene->structures && i < scene->structure_count; i++) {
+        if (scene->structures[i].is_shared)
+            continue;
+        memory_free(&library_memory, scene->structures[i].unpacked);
+        memory_free(&library_memory, scene->structures[i].triangles);
+    }
     memory_free(&library_memory, scene->unpacked);
     memory_free(&library_memory, scene->views);
     memory_free(&library_memory, scene->rows);

@@ -22,7 +22,8 @@ struct cpu_structure {
         struct lavapipe_view lavapipe;
     } view; /* by target; empty if there is no blob */
     struct unpacked_node *unpacked; /* the nodes of portable triangles or instances, if the machine uses them */
-    bool is_shared; /* the view and the unpacked nodes belong to another structure with the same data */
+    struct unpacked_triangles *triangles; /* what the view of indexed triangles has become, if the machine uses it */
+    bool is_shared; /* the view and what it needs belong to another structure with the same data */
 };
 
 struct cpu_target;

@@ -72,7 +72,7 @@ struct bvhd_cpu_scene_options {
  * The blobs are borrowed: their bytes must stay readable and unchanged until bvhd_cpu_scene_destroy. (A scene over the
  * results of a batch keeps references to their blobs by bvhd_blob_ref, or the batch itself.) The arrays `blobs` and
  * `handles` are not needed after the call. On machines with AVX2 a portable scene also holds an unpacked copy of the
- * nodes of triangles, about 20 bytes a triangle, with which rays of similar directions are faster.
+ * nodes and the corners of triangles, about 70 bytes a triangle, with which rays are faster.
  *
  * Fails with BVHD_CORRUPT if a blob is no valid structure; BVHD_INCOMPATIBLE if it has another version, or belongs to a
  * driver that this library does not know; BVHD_INVALID if an option is wrong, a blob is misaligned, or the blobs do not

@@ -20,6 +20,9 @@ struct bed {
     float (*corners)[3][3];
     float (*boxes)[6];
     struct unpacked_node *nodes[TEST_SCENE_BOTTOMS], *top;
+    struct portable_view views[TEST_SCENE_BOTTOMS]; /* of the unpacked structures */
+    const struct portable_view *bottoms[TEST_SCENE_BOTTOMS];
+    struct unpacked_triangles *triangles[TEST_SCENE_BOTTOMS];
     struct scene unpacked;
 };
 
@@ -90,15 +93,30 @@ static struct unpacked_node *unpack(const struct portable_view *view)
     return nodes;
 }
 
+static void unpack_bottom(struct bed *bed, uint32_t index)
+{
+    struct portable_view *view = &bed->views[index];
+    *view = *bed->scene.bottoms[index];
+    bed->bottoms[index] = view;
+    if (view->header->content == PORTABLE_AABBS)
+        return;
+    bed->nodes[index] = unpack(view);
+    if (view->header->content == PORTABLE_TRIANGLES)
+        return;
+    bed->triangles[index] = malloc(unpacked_triangles_size(view->header->record_count));
+    assert_non_null(bed->triangles[index]);
+    unpacked_store_corners(view, bed->triangles[index]);
+}
+
 static void bed_unpack(struct bed *bed)
 {
     const struct scene *scene = &bed->scene.scene;
     for (uint32_t i = 0; i < scene->bottom_count; i++)
-        if (bed->scene.bottoms[i]->header->content != PORTABLE_AABBS)
-            bed->nodes[i] = unpack(bed->scene.bottoms[i]);
+        unpack_bottom(bed, i);
     if (scene->top)
         bed->top = unpack(scene->top);
     bed->unpacked = *scene;
+    bed->unpacked.bottoms = bed->bottoms;
     bed->unpacked.unpacked = (const struct unpacked_node *const *)bed->nodes;
     bed->unpacked.unpacked_top = bed->top;
 }
@@ -121,8 +139,10 @@ static void bed_open(struct bed *bed, shape_function shape, uint32_t flags, enum
 
 static void bed_close(struct bed *bed)
 {
-    for (uint32_t i = 0; i < TEST_SCENE_BOTTOMS; i++)
+    for (uint32_t i = 0; i < TEST_SCENE_BOTTOMS; i++) {
         free(bed->nodes[i]);
+        free(bed->triangles[i]);
+    }
     free(bed->top);
     free(bed->boxes);
     free(bed->corners);
