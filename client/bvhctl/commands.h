@@ -14,6 +14,8 @@ enum exit_code command_cache(const struct options *options);
 enum exit_code command_check(const struct options *options);
 enum exit_code command_inspect(const struct options *options);
 enum exit_code command_trace(const struct options *options);
+enum exit_code command_copy(const struct options *options);
+enum exit_code command_query(const struct options *options);
 enum exit_code command_get(const struct options *options);
 enum exit_code command_stats(const struct options *options);
 enum exit_code command_clients(const struct options *options);

@@ -31,6 +31,10 @@ static enum exit_code run(const struct options *options)
         return command_inspect(options);
     case COMMAND_TRACE:
         return command_trace(options);
+    case COMMAND_COPY:
+        return command_copy(options);
+    case COMMAND_QUERY:
+        return command_query(options);
     case COMMAND_GET:
         return command_get(options);
     case COMMAND_STATS:

@@ -57,9 +57,11 @@ printed build --local build yard.gltf ball.ply odd.ply missing.ply -o all --flag
     --layout fast-triangles
 printed build --local build ball.ply odd.ply -o native --probe device
 printed build --local build ball.ply -o ball.bvhd
+printed build --local build yard.gltf -o later --at 1.5
 cp out/manifest.json printed/manifest.1
 cp all/manifest.json printed/manifest.2
 cp native/manifest.json printed/manifest.3
+cp later/manifest.json printed/manifest.5
 # Without Embree nothing is written; the member that names it is then taken as printed.
 if "$bvhctl" --local build ball.ply -o other --builder embree >/dev/null 2>&1; then
     cp other/manifest.json printed/manifest.4
@@ -69,6 +71,8 @@ fi
 for path in all native ball.bvhd device unknown; do
     printed inspect inspect $path
 done
+printed copy copy all/ball.tlas.as copied.as
+printed query query all/ball.tlas.as
 printed check check ball.bvhd ball.ply --rays 20
 printed trace trace ball.bvhd --device cpu -o ball.png --size 16x16
 "$bvhd" --socket s --cache daemon 2>log &

@@ -55,8 +55,12 @@ static const struct {
     const char *first, *others; /* NULL: no files are offered */
     const struct name_value *names; /* NULL: none are offered */
 } operands[COMMAND_COUNT] = {
-    [COMMAND_BUILD] = {scene_endings, scene_endings, NULL},  [COMMAND_CHECK] = {built_endings, scene_endings, NULL},
-    [COMMAND_INSPECT] = {"*.as *.bvhd *.probe", NULL, NULL}, [COMMAND_TRACE] = {built_endings, scene_endings, NULL},
+    [COMMAND_BUILD] = {scene_endings, scene_endings, NULL},
+    [COMMAND_CHECK] = {built_endings, scene_endings, NULL},
+    [COMMAND_INSPECT] = {"*.as *.bvhd *.probe", NULL, NULL},
+    [COMMAND_TRACE] = {built_endings, scene_endings, NULL},
+    [COMMAND_COPY] = {"*.as", "*.as", NULL},
+    [COMMAND_QUERY] = {"*.as", NULL, NULL},
     [COMMAND_CACHE] = {NULL, NULL, cache_action_names},
 };
 

@@ -255,6 +255,9 @@ static enum bvhd_status apply_text(int value, const char *text, struct options *
     case OPTION_ALL:
         options->all = true;
         break;
+    case OPTION_COMPACT:
+        options->compact = true;
+        break;
     case OPTION_FLIP_ORDER:
         options->flip_order = true;
         break;

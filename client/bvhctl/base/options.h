@@ -14,6 +14,8 @@ enum command {
     COMMAND_CHECK,
     COMMAND_INSPECT,
     COMMAND_TRACE,
+    COMMAND_COPY,
+    COMMAND_QUERY,
     COMMAND_GET,
     COMMAND_STATS,
     COMMAND_CLIENTS,
@@ -49,7 +51,7 @@ struct options {
 
     const char *output;
     const char *depfile;
-    const char *probe; /* build: the file with the probe of the device to build for; NULL: not given */
+    const char *probe; /* build, query: the file with the probe of the device that is meant; NULL: not given */
     struct build_options build; /* `target` is 0 when the probe decides it; `device` is unused, see `format` */
     /*
      * the format that the device loads; NULL for the portable target. Not parsed: `bvhctl build` sets it after it has
@@ -64,6 +66,7 @@ struct options {
     double seconds; /* check: limit of time; 0: not given */
     uint32_t deadline_ms; /* build; 0: not given */
 
+    bool compact; /* copy */
     bool all; /* clients: refuse rather than leave out what this user may not see */
     uint32_t count; /* top: how often to look; 0: until it is interrupted */
     double interval; /* top: seconds between two looks */

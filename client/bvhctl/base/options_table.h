@@ -17,17 +17,19 @@ enum {
     ON_INSPECT = 1 << COMMAND_INSPECT,
     ON_TRACE = 1 << COMMAND_TRACE
 };
+enum { ON_COPY = 1 << COMMAND_COPY, ON_QUERY = 1 << COMMAND_QUERY };
 enum { ON_GET = 1 << COMMAND_GET, ON_STATS = 1 << COMMAND_STATS, ON_PING = 1 << COMMAND_PING };
 enum { ON_CLIENTS = 1 << COMMAND_CLIENTS, ON_TOP = 1 << COMMAND_TOP };
 enum { ON_STOP = 1 << COMMAND_STOP, ON_DEVICES = 1 << COMMAND_DEVICES, ON_PROBE = 1 << COMMAND_PROBE };
 enum { ON_CACHE = 1 << COMMAND_CACHE };
 enum {
-    ON_SCENES = ON_BUILD | ON_CHECK | ON_INSPECT | ON_TRACE,
+    ON_SCENES = ON_BUILD | ON_CHECK | ON_INSPECT | ON_TRACE | ON_COPY | ON_QUERY,
     ON_QUERIES = ON_GET | ON_STATS | ON_CLIENTS | ON_TOP | ON_PING |
                  ON_STOP, /* commands that need a daemon, and never start one */
     ON_ALL = ON_SCENES | ON_QUERIES | ON_DEVICES | ON_PROBE | ON_CACHE,
     ON_SERVICE = ON_BUILD | ON_QUERIES | ON_CACHE, /* commands that may connect to a daemon */
-    ON_ALONE = ON_CHECK | ON_INSPECT | ON_TRACE | ON_DEVICES | ON_PROBE, /* commands that never do */
+    ON_ALONE =
+        ON_CHECK | ON_INSPECT | ON_TRACE | ON_COPY | ON_QUERY | ON_DEVICES | ON_PROBE, /* commands that never do */
     ON_OUTPUT = ON_BUILD | ON_TRACE | ON_GET | ON_PROBE,
     ON_MAIN = 1 << COMMAND_COUNT,
 };
@@ -38,6 +40,7 @@ enum {
     OPTION_LOCAL,
     OPTION_SOCKET,
     OPTION_CONNECT_TIMEOUT,
+    OPTION_COMPACT,
     OPTION_ALL,
     OPTION_COUNT,
     OPTION_INTERVAL,

@@ -265,6 +265,11 @@ static void test_bad_lines(void **state)
     expect_bad("bvhctl clients me", "me");
     expect_bad("bvhctl top --count 0", "--count");
     expect_bad("bvhctl top --interval 0", "--interval");
+    expect_bad("bvhctl build a -o b --at soon", "--at");
+    expect_bad("bvhctl build a -o b --at inf", "--at");
+    expect_bad("bvhctl build a -o b --at 1s", "--at");
+    expect_bad("bvhctl copy a.as", "copy");
+    expect_bad("bvhctl query a.as b.as", "b.as");
     expect_bad("bvhctl top --interval x", "--interval");
     expect_bad("bvhctl stats -o f", "-o");
     expect_bad("bvhctl check a b --connect-timeout 5", "--connect-timeout");
