@@ -9,7 +9,8 @@
  * its end; then builds are cancelled (200 times) at moments spread evenly over that time. Printed is the time between
  * setting the flag and the return, by which nothing may be held any more. By default two threads build each quality for
  * at most 60 s; the moments reached by then are evenly spread, too. The processor time that all threads spent after the
- * flag is printed beside it; it says more on a machine that is busy otherwise.
+ * flag is printed beside it; it says more on a machine that is busy otherwise. Without --builder the cancelled builds
+ * of all builders that there are alternate.
  */
 #include <pthread.h>
 #include <stdio.h>
@@ -19,12 +20,15 @@
 
 #include "builder/build.h"
 #include "builder/content_key.h"
+#include "builder/method.h"
 #include "tests/bench/ply_input.h"
 #include "builder/input/prepare.h"
 #include "builder/workers.h"
 
+enum { BUILDERS = BUILDER_EMBREE + 1 };
+
 struct options {
-    enum build_builder builder;
+    uint32_t builders; /* a bit for each */
     long quality; /* 0: each quality */
     long triangles, cancels, threads, seconds;
 };
@@ -150,10 +154,21 @@ static int by_latency(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-static void print(const struct ply *ply, enum build_quality quality, double whole, struct sample *samples, long count)
+/* Builds of one builder that are cancelled. */
+struct series {
+    struct build_input input;
+    double whole; /* ms of a build that is not cancelled */
+    struct sample *samples;
+    long count;
+};
+
+static void print(const struct ply *ply, const struct series *series)
 {
-    printf("%u triangles, %s: prepare, key and build take %.1f ms; cancelled %ld times", ply->triangle_count,
-           build_quality_name(quality), whole, count);
+    const long count = series->count;
+    struct sample *samples = series->samples;
+    printf("%u triangles, %s, builder %s: prepare, key and build take %.1f ms; cancelled %ld times",
+           ply->triangle_count, build_quality_name(series->input.options.quality),
+           build_builder_name(series->input.options.builder), series->whole, count);
     if (count > 0) {
         const long p99 = (count * 99 + 99) / 100 - 1;
         qsort(samples, (size_t)count, sizeof *samples, by_latency);
@@ -183,30 +198,55 @@ static double share_of(long i)
     return turns - (double)(long)turns;
 }
 
+static struct series start_series(const struct build_input *input, enum build_builder builder, long cancels,
+                                  const struct build_context *context)
+{
+    struct series series = {.input = *input, .samples = calloc((size_t)cancels, sizeof *series.samples)};
+    if (!series.samples)
+        fail("no memory");
+    series.input.options.builder = builder;
+    time_whole(&series.input, context);
+    series.whole = time_whole(&series.input, context);
+    return series;
+}
+
 static void measure(const struct ply *ply, enum build_quality quality, const struct options *options)
 {
     struct memory memory;
     struct workers *workers;
     struct bvhd_error error;
     struct geometry geometry;
-    struct build_input input = ply_input(ply, quality, &geometry);
-    input.options.builder = options->builder;
-    struct sample *samples = calloc((size_t)options->cancels, sizeof *samples);
-    long count = 0;
+    const struct build_input input = ply_input(ply, quality, &geometry);
+    struct series series[BUILDERS] = {{.count = 0}};
     memory_init(&memory, UINT64_MAX);
-    if (!samples)
-        fail("no memory");
     if (workers_create((unsigned)options->threads, &workers, &error) != BVHD_OK)
         fail(error.text);
     struct build_context context = {.memory = &memory, .parallel = workers_parallel(workers)};
-    double begin = milliseconds();
-    time_whole(&input, &context);
-    double whole = time_whole(&input, &context);
+    const double begin = milliseconds();
+    for (int b = 0; b < BUILDERS; b++)
+        if (options->builders >> b & 1)
+            series[b] = start_series(&input, (enum build_builder)b, options->cancels, &context);
     for (long i = 0; i < options->cancels && milliseconds() - begin < 1e3 * (double)options->seconds; i++)
-        count += cancel_once(&input, &context, whole * share_of(i), &samples[count]);
-    print(ply, quality, whole, samples, count);
-    free(samples);
+        for (struct series *each = series; each < series + BUILDERS; each++)
+            if (each->samples)
+                each->count +=
+                    cancel_once(&each->input, &context, each->whole * share_of(i), &each->samples[each->count]);
+    for (struct series *each = series; each < series + BUILDERS; each++) {
+        if (each->samples)
+            print(ply, each);
+        free(each->samples);
+    }
     workers_destroy(workers);
+}
+
+static uint32_t builders_named(const char *name)
+{
+    enum build_builder builder;
+    if (!build_builder_from_name(name, &builder))
+        fail("unknown builder");
+    if (!(method_builders() >> builder & 1))
+        fail("there is no Embree");
+    return 1U << builder;
 }
 
 static long quality_named(const char *name)
@@ -232,8 +272,8 @@ static int read_options(int argc, char **argv, struct options *options)
     for (; at + 1 < argc && strncmp(argv[at], "--", 2) == 0; at += 2) {
         if (strcmp(argv[at], "--quality") == 0)
             options->quality = quality_named(argv[at + 1]);
-        if (strcmp(argv[at], "--builder") == 0 && !build_builder_from_name(argv[at + 1], &options->builder))
-            fail("unknown builder");
+        if (strcmp(argv[at], "--builder") == 0)
+            options->builders = builders_named(argv[at + 1]);
         for (size_t i = 0; i < sizeof numbers / sizeof *numbers; i++)
             if (strcmp(argv[at], numbers[i].name) == 0)
                 *numbers[i].value = atol(argv[at + 1]);
@@ -243,7 +283,8 @@ static int read_options(int argc, char **argv, struct options *options)
 
 int main(int argc, char **argv)
 {
-    struct options options = {.triangles = 2000000, .cancels = 200, .threads = 2, .seconds = 60};
+    struct options options = {
+        .builders = method_builders(), .triangles = 2000000, .cancels = 200, .threads = 2, .seconds = 60};
     int first = read_options(argc, argv, &options);
     if (first + 1 != argc || options.triangles < 1 || options.triangles > 100000000 || options.cancels < 1 ||
         options.cancels > 1000000 || options.threads < 1 || options.threads > 1024) {

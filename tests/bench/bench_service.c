@@ -8,6 +8,8 @@
  *   cost    a build through the service, interleaved with one of the same views, canonical copy and blob in this
  *           process, without key and socket
  *   hits    fetching a result of 1 KiB and of 1 MiB by key; building the geometry of a 1 MiB result again
+ *   crowd   fetching by 1 to 8 clients at once, in processes of their own: hits a second, and how busy the daemon's
+ *           busiest thread is
  *   many    640 different meshes of 2,000 triangles in one batch: all workers compared with one; and the same in
  *           processes that share nothing, which shows what the machine can give
  *   small   a small job beside a build of 4 million triangles, and on a quiet daemon
@@ -26,8 +28,8 @@ static const struct section {
     const char *name;
     void (*run)(const struct bench *bench);
 } sections[] = {
-    {"cost", bench_cost},      {"hits", bench_hits},    {"many", bench_many}, {"small", bench_small},
-    {"cancel", bench_cancels}, {"death", bench_deaths}, {"disk", bench_disk},
+    {"cost", bench_cost},   {"hits", bench_hits},      {"crowd", bench_crowd},  {"many", bench_many},
+    {"small", bench_small}, {"cancel", bench_cancels}, {"death", bench_deaths}, {"disk", bench_disk},
 };
 
 enum { SECTIONS = sizeof sections / sizeof *sections };
@@ -44,7 +46,7 @@ int main(int argc, char **argv)
 {
     if (argc < 2 || argv[1][0] == '-') {
         fputs("usage: bench_service BVHD [--runs N] [--workers N] [--entries N] "
-              "[cost|hits|many|small|cancel|death|disk ...] "
+              "[cost|hits|crowd|many|small|cancel|death|disk ...] "
               "[SCENE.ply ...]\n",
               stderr);
         return 2;

@@ -109,6 +109,16 @@ void bench_finish(struct bvhd_batch *batch)
     bvhd_batch_destroy(batch);
 }
 
+struct bvhd_key bench_key(struct bvhd_client *client, const struct terrain *terrain, uint64_t *ret_size)
+{
+    struct bvhd_batch *batch = bench_submit(client, terrain);
+    bvhd_batch_wait(batch, -1);
+    struct bvhd_key key = bvhd_batch_result(batch, 0)->key;
+    *ret_size = bvhd_batch_result(batch, 0)->size;
+    bench_finish(batch);
+    return key;
+}
+
 uint64_t bench_counter(struct bvhd_client *client, const char *name)
 {
     struct bvhd_counters *counters;

@@ -23,6 +23,7 @@ struct bench {
 /* One function for each section; they print lines with bench_line. */
 void bench_cost(const struct bench *bench);
 void bench_hits(const struct bench *bench);
+void bench_crowd(const struct bench *bench);
 void bench_many(const struct bench *bench);
 void bench_small(const struct bench *bench);
 void bench_cancels(const struct bench *bench);
@@ -54,6 +55,9 @@ struct bvhd_batch *bench_submit(struct bvhd_client *client, const struct terrain
  * every item succeeded.
  */
 void bench_finish(struct bvhd_batch *batch);
+
+/* Builds once and returns the key of the result; *ret_size is its size in bytes. */
+struct bvhd_key bench_key(struct bvhd_client *client, const struct terrain *terrain, uint64_t *ret_size);
 
 /*
  * Builds the meshes in `processes` processes that share nothing, an equal number of meshes each, and returns how many

@@ -122,17 +122,6 @@ void bench_cost(const struct bench *bench)
     bench_stop(&process);
 }
 
-/* Builds once and returns the key of the result; *ret_size is its size in bytes. */
-static struct bvhd_key build_for_key(struct bvhd_client *client, const struct terrain *terrain, uint64_t *ret_size)
-{
-    struct bvhd_batch *batch = bench_submit(client, terrain);
-    bvhd_batch_wait(batch, -1);
-    struct bvhd_key key = bvhd_batch_result(batch, 0)->key;
-    *ret_size = bvhd_batch_result(batch, 0)->size;
-    bench_finish(batch);
-    return key;
-}
-
 static void hits_by_key(struct bvhd_client *client, uint32_t triangles, const char *what, const char *goal)
 {
     enum { TIMES = 2000 };
@@ -140,7 +129,7 @@ static void hits_by_key(struct bvhd_client *client, uint32_t triangles, const ch
     struct terrain terrain;
     uint64_t size;
     terrain_init(&terrain, triangles, 7);
-    struct bvhd_key key = build_for_key(client, &terrain, &size);
+    struct bvhd_key key = bench_key(client, &terrain, &size);
     for (int i = 0; i < TIMES; i++) {
         struct bvhd_batch *batch;
         struct bvhd_error error;
@@ -163,7 +152,7 @@ static void hits_by_geometry(struct bvhd_client *client, uint32_t triangles)
     uint64_t size;
     double prepared = 0;
     terrain_init(&terrain, triangles, 8);
-    build_for_key(client, &terrain, &size);
+    bench_key(client, &terrain, &size);
     for (int i = 0; i < TIMES; i++) {
         double begin = bench_now();
         struct bvhd_batch *batch = bench_submit(client, &terrain);
