@@ -5,6 +5,7 @@
 #include "builder/batch.h"
 #include "builder/format/serialized.h"
 #include "builder/format/size_bound.h"
+#include "tests/support/builder/builders.h"
 #include "tests/support/builder/random_input.h"
 #include "tests/support/builder/random_top.h"
 
@@ -20,6 +21,7 @@ static uint64_t check_bound(struct build_input *input, uint64_t seed)
     struct batch_item item;
     struct bvhd_error error;
     struct serialized_header header;
+    input->options.builder = builders_asked();
     const uint64_t bound = size_bound(input);
     assert_int_equal(batch_build(input, 1, &limits, &context, &item, &error), BVHD_OK);
     if (item.status != BVHD_OK)
