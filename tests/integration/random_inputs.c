@@ -6,8 +6,10 @@
  *
  * Without --quality each request has a random one. Where there is no Embree, --builder embree does nothing.
  *
- * Rays through the result of each correct request are compared with brute force over the request, decoded by the test's
- * own code. As many requests again have something broken, and each of these must give a status.
+ * 200 rays through the result of each correct request are compared with brute force over the request, decoded by the
+ * test's own code; each result passes the check of its layout and is no larger than the query of sizes says, and a part
+ * is built in the native layout, too. As many requests again have something broken, and each of these must give a
+ * status.
  *
  * It prints each failure with the arguments that repeat it. The exit status is 1 if there was any.
  */
@@ -17,16 +19,25 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include <bvhd/bvhd_structure.h>
+
 #include "builder/batch.h"
-#include "tests/support/builder/broken_input.h"
-#include "tests/support/builder/candidates.h"
 #include "builder/format/portable.h"
+#include "builder/format/serialized.h"
 #include "builder/piece/embree.h"
+#include "builder/traverse/lavapipe_traverse.h"
+#include "client/bvhctl/oracle/rays.h"
+#include "tests/support/builder/box_judge.h"
+#include "tests/support/builder/broken_input.h"
 #include "tests/support/builder/random_input.h"
 #include "tests/support/builder/random_top.h"
-#include "client/bvhctl/oracle/rays.h"
+#include "tests/support/client/vulkan_request.h"
 
-enum { RAYS = 64, MOST_PRIMITIVES = 3000, MOST_BELOW_TOP = 400, FAILURES_SHOWN = 20 };
+enum { RAYS = 200, FAILURES_SHOWN = 20 };
+
+/* Most requests are small, because brute force takes time in proportion; one in eight is not. */
+enum { MOST_PRIMITIVES = 5000, MOST_BELOW_TOP = 400, MOST_OF_SMALL = 200, LARGE_STEP = 32, LARGE_FROM = 28 };
+enum { VARIANT_STEP = 4, NATIVE_STEP = 4 }; /* of rays and of requests: the share that is checked in more ways */
 
 struct run {
     enum build_builder builder;
@@ -36,7 +47,8 @@ struct run {
     struct limits limits;
     uint64_t seed; /* of the current case */
     uint64_t failures;
-    uint64_t cases, rays, hits, uncertain, boxes, refused;
+    uint64_t cases, rays, hits, uncertain, boxes, refused, natives;
+    const struct lavapipe_scene *native; /* the scene that is traced, in the native layout; NULL: it was not built */
 };
 
 static void fail(struct run *run, const char *format, ...) __attribute__((format(printf, 2, 3)));
@@ -121,19 +133,15 @@ static void check_variants(struct run *run, const struct scene *scene, const str
         if (is_other != is_hit || (is_hit && !hits_equal(hit, &other)))
             fail(run, "%s changes the answer", names[i]);
     }
+    if (run->native) {
+        bool is_other = lavapipe_traverse(run->native, ray, NULL, &other, NULL);
+        if (is_other != is_hit || (is_hit && !hits_equal(hit, &other)))
+            fail(run, "the native layout changes the answer");
+    }
     struct ray any = *ray;
     any.flags |= RAY_TERMINATE_ON_FIRST_HIT;
     if (traverse(scene, &any, NULL, &other, NULL) != is_hit)
         fail(run, "any hit says %d, closest hit %d", !is_hit, is_hit);
-}
-
-/* Where coordinates exceed the range of floats there are no boxes. An instance can move primitives there. */
-static bool is_beyond_floats(const struct ray *ray, long double t)
-{
-    for (int axis = 0; axis < 3; axis++)
-        if (fabsl(ray->origin[axis] + t * ray->direction[axis]) > (long double)FLT_MAX)
-            return true;
-    return false;
 }
 
 static void judge_ray(struct run *run, const struct scene *scene, const struct ray *ray,
@@ -146,7 +154,7 @@ static void judge_ray(struct run *run, const struct scene *scene, const struct r
     run->rays++;
     run->hits += is_hit;
     run->uncertain += verdict == ORACLE_UNDECIDED;
-    if (verdict > ORACLE_UNDECIDED && !is_beyond_floats(ray, answer->t_end))
+    if (verdict > ORACLE_UNDECIDED && !box_judge_is_beyond_floats(ray, answer->t_end))
         fail(run,
              "%s: t %.9g instead of %.9g [%.9g, %.9g], primitive %u.%u.%u, ray (%a %a %a) + t (%a %a %a), %a .. %a, "
              "flags %x",
@@ -154,7 +162,8 @@ static void judge_ray(struct run *run, const struct scene *scene, const struct r
              hit.primitive, (double)ray->origin[0], (double)ray->origin[1], (double)ray->origin[2],
              (double)ray->direction[0], (double)ray->direction[1], (double)ray->direction[2], (double)ray->tmin,
              (double)ray->tmax, ray->flags);
-    check_variants(run, scene, ray, is_hit, &hit);
+    if (run->rays % VARIANT_STEP == 0)
+        check_variants(run, scene, ray, is_hit, &hit);
 }
 
 static void judge_rays(struct run *run, const struct scene *scene, const struct oracle_mesh *meshes,
@@ -215,48 +224,13 @@ static enum candidate_verdict note_candidate(void *context, const struct ray *ra
     return CANDIDATE_IGNORE;
 }
 
-static long double reach_of(const struct long_ray *ray, const float box[6])
+static void check_box(struct run *run, const struct box_judge *judge, const char *what, const float box[6], bool seen)
 {
-    long double reach = 0;
-    for (int axis = 0; axis < 3; axis++)
-        reach = fmaxl(reach, fmaxl(fabsl(ray->origin[axis]), fmaxl(fabsl(box[axis]), fabsl(box[3 + axis]))));
-    return reach;
-}
-
-struct box_check {
-    const struct ray *world;
-    struct long_ray local;
-    long double slack; /* the relative error that the transformation into an instance's space can add */
-    const char *what;
-};
-
-static const char *wrong_candidate(const struct box_check *check, const float box[6], bool seen)
-{
-    const struct long_ray *ray = &check->local;
-    long double near = 0, far = 0;
-    float ends[6]; /* an infinite box ends at FLT_MAX */
-    bool is_finite = true;
-    for (int i = 0; i < 6; i++) {
-        is_finite = is_finite && isfinite(box[i]);
-        ends[i] = isinf(box[i]) ? copysignf(FLT_MAX, box[i]) : box[i];
-    }
-    if (seen && is_finite && !candidates_meet(ray, box, 1e-5L * reach_of(ray, box), &near, &far))
-        return "a candidate though it is far";
-    if (seen || !candidates_surely_meet(ray, ends, check->slack))
-        return NULL;
-    candidates_meet(ray, ends, 0, &near, &far);
-    return is_beyond_floats(check->world, near) || is_beyond_floats(check->world, far)
-               ? NULL
-               : "no candidate though it is met";
-}
-
-static void check_box(struct run *run, const struct box_check *check, const float box[6], bool seen)
-{
-    const struct long_ray *ray = &check->local;
-    const char *wrong = wrong_candidate(check, box, seen);
+    const struct long_ray *ray = &judge->local;
+    const char *wrong = box_judge_find(judge, box, seen);
     run->boxes++;
     if (wrong)
-        fail(run, "%s: box (%a %a %a .. %a %a %a) is %s, ray (%La %La %La) + t (%La %La %La), %La .. %La", check->what,
+        fail(run, "%s: box (%a %a %a .. %a %a %a) is %s, ray (%La %La %La) + t (%La %La %La), %La .. %La", what,
              (double)box[0], (double)box[1], (double)box[2], (double)box[3], (double)box[4], (double)box[5], wrong,
              ray->origin[0], ray->origin[1], ray->origin[2], ray->direction[0], ray->direction[1], ray->direction[2],
              ray->tmin, ray->tmax);
@@ -275,13 +249,12 @@ static void check_boxes(struct run *run, const struct scene *scene, const struct
     only_boxes.flags = RAY_SKIP_TRIANGLES;
     if (traverse(scene, &only_boxes, &options, &hit, NULL))
         fail(run, "a candidate that was ignored is a hit");
-    struct long_ray exact = candidates_ray(ray);
-    struct box_check check = {ray, exact, 0, "bottom level"};
-    if (matrix)
-        check = (struct box_check){ray, candidates_ray_into(&exact, matrix), 1e-9L, "under a top level"};
+    struct box_judge judge;
+    box_judge_init(&judge, ray, matrix);
     for (uint32_t g = 0; g < bottom->input.geometry_count; g++)
         for (uint32_t i = 0; i < bottom->meanings[g].count; i++)
-            check_box(run, &check, bottom->meanings[g].boxes[i], found.seen[first[g] + i]);
+            check_box(run, &judge, matrix ? "under a top level" : "bottom level", bottom->meanings[g].boxes[i],
+                      found.seen[first[g] + i]);
     free(found.seen);
 }
 
@@ -299,6 +272,11 @@ static struct oracle_mesh boxes_as_triangles(const struct random_meaning *meanin
 
 /* ---- one bottom level ---- */
 
+static bool is_large(const struct run *run)
+{
+    return run->seed % LARGE_STEP >= LARGE_FROM;
+}
+
 /* Returns the request with what the command line says. */
 static struct build_input as_told(const struct run *run, const struct build_input *input)
 {
@@ -307,6 +285,29 @@ static struct build_input as_told(const struct run *run, const struct build_inpu
     if (run->quality)
         told.options.quality = run->quality;
     return told;
+}
+
+/* Asks for the sizes of the request by Vulkan's structs, and compares them with what was built. */
+static void check_size(struct run *run, const struct build_input *input, const struct batch_item *item)
+{
+    struct vulkan_request request;
+    struct bvhd_error error = {.status = BVHD_OK};
+    VkAccelerationStructureBuildSizesInfoKHR sizes = {
+        .sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_BUILD_SIZES_INFO_KHR};
+    struct serialized_header header = {0};
+    vulkan_request_make(input, &request);
+    const struct bvhd_structure_sizes_query query = {.struct_size = sizeof query,
+                                                     .target = (enum bvhd_target)input->options.target,
+                                                     .info = &request.info,
+                                                     .max_primitive_counts = request.counts,
+                                                     .layout_flags = input->options.layout_flags,
+                                                     .quality = (enum bvhd_quality)input->options.quality};
+    if (serialized_read((struct bytes){item->blob, item->size}, &header, &error) != BVHD_OK ||
+        bvhd_structure_sizes(&query, &sizes, &error) != BVHD_OK)
+        fail(run, "no sizes: %s at %s: %s", bvhd_vuid_string(error.vuid), error.where, error.text);
+    else if (sizes.accelerationStructureSize < header.deserialized_size)
+        fail(run, "the query says %llu bytes, but %llu are needed", (unsigned long long)sizes.accelerationStructureSize,
+             (unsigned long long)header.deserialized_size);
 }
 
 static bool build_one(struct run *run, const struct build_input *input, struct batch_item *ret_item)
@@ -320,6 +321,8 @@ static bool build_one(struct run *run, const struct build_input *input, struct b
     if (ret_item->status != BVHD_OK)
         fail(run, "refused: %s at %s: %s", bvhd_vuid_string(ret_item->error.vuid), ret_item->error.where,
              ret_item->error.text);
+    else
+        check_size(run, &told, ret_item);
     return ret_item->status == BVHD_OK;
 }
 
@@ -336,7 +339,7 @@ static bool open_one(struct run *run, const struct batch_item *item, struct port
 static void trace_bottom(struct run *run, const struct random_input *bottom, const struct scene *scene,
                          struct random *random)
 {
-    struct oracle_mesh meshes[RANDOM_INPUT_GEOMETRIES];
+    struct oracle_mesh meshes[RANDOM_INPUT_GEOMETRIES] = {0};
     struct ray rays[RAYS];
     uint32_t count = bottom->input.geometry_count;
     bool boxes = count && bottom->geometries[0].type == GEOMETRY_AABBS;
@@ -361,6 +364,32 @@ static void trace_bottom(struct run *run, const struct random_input *bottom, con
         free((void *)(uintptr_t)meshes[g].positions);
 }
 
+/* Traces the scene in both layouts. */
+static void trace_native(struct run *run, const struct random_input *bottom, const struct scene *scene,
+                         struct random *random)
+{
+    struct batch_item item;
+    struct lavapipe_view view;
+    const struct lavapipe_view *bottoms[1] = {&view};
+    const struct lavapipe_scene native = {.bottoms = bottoms, .bottom_count = 1};
+    struct bvhd_error error;
+    struct build_input input = bottom->input;
+    input.options = (struct build_options){.quality = input.options.quality,
+                                           .target = TARGET_LAVAPIPE,
+                                           .device.variant = 1 + run->seed / NATIVE_STEP % LAVAPIPE_VARIANTS};
+    if (!build_one(run, &input, &item))
+        return;
+    if (lavapipe_open_any((struct bytes){item.blob, item.size}, &run->memory, &view, &error) != BVHD_OK) {
+        fail(run, "native: does not open: %s: %s", error.where, error.text);
+    } else {
+        run->native = &native;
+        trace_bottom(run, bottom, scene, random);
+        run->native = NULL;
+        run->natives++;
+    }
+    batch_finish(&item, 1, &run->memory);
+}
+
 static void run_bottom(struct run *run, struct random *random)
 {
     struct random_input bottom;
@@ -368,10 +397,10 @@ static void run_bottom(struct run *run, struct random *random)
     struct portable_view view;
     const struct portable_view *bottoms[1] = {&view};
     struct scene scene = {.bottoms = bottoms, .bottom_count = 1};
-    random_input_bottom(&bottom, random, MOST_PRIMITIVES);
+    random_input_bottom(&bottom, random, is_large(run) ? MOST_PRIMITIVES : MOST_OF_SMALL);
     if (build_one(run, &bottom.input, &item)) {
         if (open_one(run, &item, &view))
-            trace_bottom(run, &bottom, &scene, random);
+            (run->seed % NATIVE_STEP == 1 ? trace_native : trace_bottom)(run, &bottom, &scene, random);
         batch_finish(&item, 1, &run->memory);
     }
     random_input_finish(&bottom);
@@ -423,7 +452,7 @@ static void run_top(struct run *run, struct random *random)
     struct batch_item items[RANDOM_TOP_BOTTOMS + 1];
     struct portable_view views[RANDOM_TOP_BOTTOMS + 1];
     const struct portable_view *bottoms[RANDOM_TOP_BOTTOMS];
-    random_top_init(&top, random, MOST_BELOW_TOP);
+    random_top_init(&top, random, is_large(run) ? MOST_BELOW_TOP : MOST_BELOW_TOP / 8);
     if (build_bottoms(run, &top, items, views) && build_one(run, &top.input, &items[top.bottom_count])) {
         top.built++;
         if (open_one(run, &items[top.bottom_count], &views[top.bottom_count])) {
@@ -556,10 +585,10 @@ int main(int argc, char **argv)
         run_case(&run, i, i % 4 ? run_bottom : run_top);
         run_case(&run, i, run_broken);
     }
-    printf("%llu cases, %llu rays: %llu hits, %llu uncertain; %llu boxes; %llu refused; %llu wrong\n",
+    printf("%llu cases, %llu rays: %llu hits, %llu uncertain; %llu boxes; %llu native; %llu refused; %llu wrong\n",
            (unsigned long long)run.cases, (unsigned long long)run.rays, (unsigned long long)run.hits,
-           (unsigned long long)run.uncertain, (unsigned long long)run.boxes, (unsigned long long)run.refused,
-           (unsigned long long)run.failures);
+           (unsigned long long)run.uncertain, (unsigned long long)run.boxes, (unsigned long long)run.natives,
+           (unsigned long long)run.refused, (unsigned long long)run.failures);
     /* A run with too few hits or refusals shows nothing. */
     bool thin = count >= 100 && (run.hits < run.rays / 5 || run.uncertain > run.rays / 2 || run.refused < count / 4);
     if (thin)
