@@ -69,6 +69,8 @@ static enum bvhd_status map(int descriptor, uint64_t size, struct bvhd_blob **re
     void *data = mmap(NULL, size, PROT_READ, MAP_PRIVATE, descriptor, 0);
     if (data == MAP_FAILED)
         return bvhd_error_set(error, errno == ENOMEM ? BVHD_NO_MEMORY : BVHD_IO, "result", "mmap: %s", strerror(errno));
+    /* Without this advice, munmap marks each page as used, which takes longer than all the rest that it does. */
+    madvise(data, size, MADV_SEQUENTIAL);
     status = create(data, size, true, ret_blob, error);
     if (status != BVHD_OK)
         munmap(data, size);

@@ -59,13 +59,16 @@ struct store_entry {
 };
 
 /*
- * Takes an entry that is read: `begin` once, then `write` in order and in pieces of at most 64 KiB. Nothing is verified
- * until store_get returns BVHD_OK, except that the file has room for entry->size bytes; the receiver therefore checks
- * the summary as it checks other hostile bytes. The summary is valid during `begin`. A status other than BVHD_OK ends
- * the reading; with BVHD_CORRUPT the receiver says that it cannot use the entry, which is then set aside.
+ * Takes an entry that is read: `begin` once, then `write` in order and in pieces of at most 64 KiB. `room` may return
+ * memory for the next piece: the piece is read there, verified there, and given to `write`. After NULL it comes in
+ * memory of the store, as the first piece always does. Nothing is verified until store_get returns BVHD_OK, except that
+ * the file has room for entry->size bytes; the receiver therefore checks the summary as it checks other hostile bytes.
+ * The summary is valid during `begin`. A status other than BVHD_OK ends the reading; with BVHD_CORRUPT the receiver
+ * says that it cannot use the entry, which is then set aside.
  */
 struct store_sink {
     enum bvhd_status (*begin)(struct store_sink *sink, const struct store_entry *entry, struct bvhd_error *error);
+    unsigned char *(*room)(struct store_sink *sink, uint64_t size);
     enum bvhd_status (*write)(struct store_sink *sink, const void *bytes, uint64_t size, struct bvhd_error *error);
 };
 

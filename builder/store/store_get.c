@@ -60,12 +60,12 @@ static enum bvhd_status open_file(struct reading *reading, const struct key *key
 }
 
 /* Reads as many bytes of the file as are there, at most `size`. Unreadable bytes of a disk are damage. */
-static enum bvhd_status read_piece(const struct reading *reading, uint64_t offset, uint64_t size, uint64_t *ret_size,
-                                   struct bvhd_error *error)
+static enum bvhd_status read_piece(const struct reading *reading, uint64_t offset, uint64_t size,
+                                   unsigned char *ret_piece, uint64_t *ret_size, struct bvhd_error *error)
 {
     uint64_t done = *ret_size = 0;
     while (done < size) {
-        ssize_t count = pread(reading->file, reading->piece + done, size - done, (off_t)(offset + done));
+        ssize_t count = pread(reading->file, ret_piece + done, size - done, (off_t)(offset + done));
         if (count == 0)
             break;
         if (count > 0)
@@ -90,13 +90,15 @@ static enum bvhd_status copy_rest(const struct reading *reading, struct entry_ha
 {
     uint64_t end = (uint64_t)reading->about.st_size, size;
     for (; at < end; at += size) {
-        enum bvhd_status status = read_piece(reading, at, smaller(STORE_PIECE, end - at), &size, error);
+        uint64_t wanted = smaller(STORE_PIECE, end - at);
+        unsigned char *room = reading->sink->room(reading->sink, wanted), *piece = room ? room : reading->piece;
+        enum bvhd_status status = read_piece(reading, at, wanted, piece, &size, error);
         if (status == BVHD_OK && size == 0)
             status = bvhd_error_set(error, BVHD_CORRUPT, reading->name, "the file has become shorter");
         if (status != BVHD_OK)
             return status;
-        entry_hash_add(hash, (struct bytes){reading->piece, size});
-        status = reading->sink->write(reading->sink, reading->piece, size, error);
+        entry_hash_add(hash, (struct bytes){piece, size});
+        status = reading->sink->write(reading->sink, piece, size, error);
         if (status != BVHD_OK)
             return status;
     }
@@ -132,7 +134,7 @@ static enum bvhd_status read_entry(struct reading *reading, const struct key *ke
     reading->piece = memory_alloc(reading->store->memory, STORE_PIECE);
     if (!reading->piece)
         return bvhd_error_no_memory(error, reading->name, "no memory to read the cache on disk");
-    enum bvhd_status status = read_piece(reading, 0, smaller(STORE_PIECE, size), &head, error);
+    enum bvhd_status status = read_piece(reading, 0, smaller(STORE_PIECE, size), reading->piece, &head, error);
     if (status == BVHD_OK)
         status = entry_header_read((struct bytes){reading->piece, head}, size, key, &entry, error);
     if (status != BVHD_OK)

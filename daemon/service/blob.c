@@ -6,17 +6,11 @@
 #include <fcntl.h>
 #include <inttypes.h>
 #include <string.h>
-#include <sys/mman.h>
-#include <sys/stat.h>
 #include <unistd.h>
 
 #include "daemon/system/release.h"
 #include "proto/base/container_of.h"
 #include "proto/base/seal.h"
-
-#ifndef MFD_NOEXEC_SEAL
-#define MFD_NOEXEC_SEAL 8U
-#endif
 
 enum { SEALS = F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_WRITE | F_SEAL_SEAL };
 
@@ -28,52 +22,26 @@ void blob_account_init(struct blob_account *account, struct memory *memory, stru
     atomic_init(&account->live_blobs, 0);
 }
 
-/* Where memory may not be overcommitted, a memfd that gets no pages fails with ENOSPC. */
-static enum bvhd_status refused(struct bvhd_error *error, const char *what)
+/* From now on bytes are written to the mapped pages. */
+static void use_mapped(struct blob_writer *writer, const struct memfd *memfd)
 {
-    enum bvhd_status status = errno == ENOMEM || errno == ENOSPC ? BVHD_NO_MEMORY : BVHD_IO;
-    return bvhd_error_set(error, status, "blob", "%s: %s", what, strerror(errno));
+    writer->descriptor = memfd->descriptor;
+    writer->bytes = memfd->bytes;
+    writer->mapped = memfd->size;
 }
 
-/*
- * Creates the memfd, not executable where the kernel can do that (Linux 6.3). Its mode keeps clients with another user
- * id from opening it again for writing.
- */
-static enum bvhd_status create_file(struct blob_writer *writer, struct bvhd_error *error)
-{
-    int descriptor = memfd_create("bvhd-blob", MFD_CLOEXEC | MFD_ALLOW_SEALING | MFD_NOEXEC_SEAL);
-    if (descriptor < 0 && errno == EINVAL)
-        descriptor = memfd_create("bvhd-blob", MFD_CLOEXEC | MFD_ALLOW_SEALING);
-    if (descriptor < 0)
-        return refused(error, "memfd_create");
-    writer->descriptor = descriptor;
-    return fchmod(descriptor, S_IRUSR | S_IRGRP | S_IROTH) == 0 ? BVHD_OK : refused(error, "fchmod");
-}
-
-/*
- * Reserves the pages, because a page fault that gets none ends the process. The threads that write do most of the work,
- * which is to clear the pages.
- */
-static enum bvhd_status reserve_pages(int descriptor, uint64_t size, struct bvhd_error *error)
-{
-    while (fallocate(descriptor, 0, 0, (off_t)size) != 0)
-        if (errno != EINTR)
-            return refused(error, "fallocate");
-    return BVHD_OK;
-}
-
+/* The threads that write do most of the work, which is to clear the pages. */
 static enum bvhd_status map_file(struct blob_writer *writer, struct bvhd_error *error)
 {
-    enum bvhd_status status = create_file(writer, error);
+    struct memfd memfd;
+    enum bvhd_status status = memfd_make(&writer->descriptor, error);
     if (status == BVHD_OK)
-        status = reserve_pages(writer->descriptor, writer->size, error);
-    if (status != BVHD_OK)
-        return status;
-    void *mapping = mmap(NULL, writer->size, PROT_READ | PROT_WRITE, MAP_SHARED, writer->descriptor, 0);
-    if (mapping == MAP_FAILED)
-        return refused(error, "mmap");
-    writer->bytes = mapping;
-    return BVHD_OK;
+        status = memfd_reserve(writer->descriptor, 0, writer->size, error);
+    if (status == BVHD_OK)
+        status = memfd_map(writer->descriptor, writer->size, &memfd, error);
+    if (status == BVHD_OK)
+        use_mapped(writer, &memfd);
+    return status;
 }
 
 static enum bvhd_status allocate_memory(struct blob_writer *writer, struct bvhd_error *error)
@@ -81,11 +49,6 @@ static enum bvhd_status allocate_memory(struct blob_writer *writer, struct bvhd_
     writer->bytes = memory_alloc(writer->account->memory, writer->size);
     return writer->bytes ? BVHD_OK
                          : bvhd_error_no_memory(error, "blob", "no memory for %" PRIu64 " bytes", writer->size);
-}
-
-static bool is_mapped(uint64_t size)
-{
-    return size >= BLOB_MAPPED_MIN;
 }
 
 static bool needs_descriptor(uint64_t size)
@@ -125,7 +88,7 @@ static unsigned char *allocate(struct build_output *output, uint64_t size)
     assert(writer->size == 0);
     enum bvhd_status status = take(writer, size, &writer->error);
     if (status == BVHD_OK)
-        status = is_mapped(size) ? map_file(writer, &writer->error) : allocate_memory(writer, &writer->error);
+        status = size >= BLOB_MAPPED_MIN ? map_file(writer, &writer->error) : allocate_memory(writer, &writer->error);
     if (status != BVHD_OK)
         blob_writer_discard(writer);
     return writer->bytes;
@@ -133,14 +96,12 @@ static unsigned char *allocate(struct build_output *output, uint64_t size)
 
 static void release_bytes(struct blob_writer *writer)
 {
-    if (writer->bytes && is_mapped(writer->size)) {
-        int result = munmap(writer->bytes, writer->size);
-        assert(result == 0);
-        (void)result;
-    } else {
+    if (writer->mapped > 0)
+        memfd_unmap(&(struct memfd){writer->descriptor, writer->bytes, writer->mapped});
+    else
         memory_free(writer->account->memory, writer->bytes);
-    }
     writer->bytes = NULL;
+    writer->mapped = 0;
 }
 
 void blob_writer_discard(struct blob_writer *writer)
@@ -176,48 +137,66 @@ static enum bvhd_status write_file(struct blob_writer *writer, const unsigned ch
         if (count > 0)
             written += (uint64_t)count;
         else if (count == 0 || errno != EINTR)
-            return refused(error, "write");
+            return memfd_refused(error, "write");
     }
     return BVHD_OK;
 }
 
-enum bvhd_status blob_writer_begin(struct blob_writer *writer, uint64_t size, struct bvhd_error *error)
+enum bvhd_status blob_writer_begin(struct blob_writer *writer, uint64_t size, struct ready_memfds *ready,
+                                   struct bvhd_error *error)
 {
+    struct memfd memfd;
     assert(writer->size == 0);
     enum bvhd_status status = take(writer, size, error);
     if (status != BVHD_OK)
         return status;
-    return needs_descriptor(size) ? create_file(writer, error) : allocate_memory(writer, error);
+    if (!needs_descriptor(size))
+        return allocate_memory(writer, error);
+    if (!ready || !ready_memfds_take(ready, size, &memfd))
+        return memfd_make(&writer->descriptor, error);
+    use_mapped(writer, &memfd);
+    return BVHD_OK;
+}
+
+unsigned char *blob_writer_room(struct blob_writer *writer, uint64_t size)
+{
+    assert(size <= writer->size - writer->filled);
+    (void)size;
+    return writer->bytes ? writer->bytes + writer->filled : NULL;
 }
 
 enum bvhd_status blob_writer_append(struct blob_writer *writer, const void *bytes, uint64_t size,
                                     struct bvhd_error *error)
 {
     assert(size <= writer->size - writer->filled);
-    if (writer->bytes)
-        memcpy(writer->bytes + writer->filled, bytes, size);
-    else if (write_file(writer, bytes, size, error) != BVHD_OK)
+    unsigned char *room = blob_writer_room(writer, size);
+    if (!room && write_file(writer, bytes, size, error) != BVHD_OK)
         return error->status;
+    if (room && room != bytes)
+        memcpy(room, bytes, size);
     writer->filled += size;
     return BVHD_OK;
 }
 
 /*
  * Leaves a sealed descriptor and no bytes. The mapping goes first, since a memfd that is mapped for writing cannot be
- * sealed against it.
+ * sealed against it. A memfd that was ready may be longer than the blob.
  */
 static enum bvhd_status seal(struct blob_writer *writer, struct bvhd_error *error)
 {
     enum bvhd_status status = BVHD_OK;
     if (writer->descriptor < 0) {
-        status = create_file(writer, error);
+        status = memfd_make(&writer->descriptor, error);
         if (status == BVHD_OK)
             status = write_file(writer, writer->bytes, writer->size, error);
     }
     if (status != BVHD_OK)
         return status;
+    bool is_longer = writer->mapped > writer->size;
     release_bytes(writer);
-    return seal_add(writer->descriptor, SEALS) == 0 ? BVHD_OK : refused(error, "sealing");
+    if (is_longer && ftruncate(writer->descriptor, (off_t)writer->size) != 0)
+        return memfd_refused(error, "ftruncate");
+    return seal_add(writer->descriptor, SEALS) == 0 ? BVHD_OK : memfd_refused(error, "sealing");
 }
 
 enum bvhd_status blob_writer_finish(struct blob_writer *writer, struct blob **ret_blob, struct bvhd_error *error)

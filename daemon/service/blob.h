@@ -15,13 +15,14 @@
  * that size on, the build writes the mapped pages of the memfd. That is as quick, since pages of memory would be fresh
  * too; it takes half the memory, and the threads that write share the faults.
  *
- * Of pieces: each is written to the memfd as it comes, so that a large blob is copied once.
+ * Of pieces: each is copied to the mapped pages of a memfd that was ready, or written to a fresh one as it comes.
  */
 #ifndef BVHD_BLOB_H
 #define BVHD_BLOB_H
 
 #include "builder/build.h"
 #include "daemon/system/descriptors.h"
+#include "daemon/system/ready_memfds.h"
 #include "proto/base/key.h"
 
 enum { BLOB_INLINE_MAX = 64 * 1024, BLOB_MAPPED_MIN = 4 * 1024 * 1024 };
@@ -64,6 +65,7 @@ struct blob_writer {
     struct blob_account *account;
     unsigned char *bytes; /* where the build or the pieces are written; NULL: nowhere yet, or to the descriptor */
     uint64_t size; /* of the blob; 0 while nothing is allocated */
+    uint64_t mapped; /* bytes of the memfd that `bytes` maps; 0: it maps none */
     uint64_t filled; /* bytes that came in pieces */
     int descriptor; /* of the memfd, once there is one; else -1 */
     /* why the build got no bytes: BVHD_NO_MEMORY, BVHD_BUSY without free descriptors, BVHD_IO */
@@ -73,10 +75,14 @@ struct blob_writer {
 void blob_writer_init(struct blob_writer *writer, struct blob_account *account);
 
 /*
- * Allocates a blob of `size` bytes; then adds its bytes in order and in pieces, `size` in all. The
- * statuses of failures are those of `error` above; the writer must then be discarded.
+ * Allocates a blob of `size` bytes, in a memfd of `ready` if there is one (NULL: there is none); then adds its bytes in
+ * order and in pieces, `size` in all. blob_writer_room returns where the next piece will be, so that it can be written
+ * there before it is added; NULL: nobody knows yet. The statuses of failures are those of `error` above; the writer
+ * must then be discarded.
  */
-enum bvhd_status blob_writer_begin(struct blob_writer *writer, uint64_t size, struct bvhd_error *error);
+enum bvhd_status blob_writer_begin(struct blob_writer *writer, uint64_t size, struct ready_memfds *ready,
+                                   struct bvhd_error *error);
+unsigned char *blob_writer_room(struct blob_writer *writer, uint64_t size);
 enum bvhd_status blob_writer_append(struct blob_writer *writer, const void *bytes, uint64_t size,
                                     struct bvhd_error *error);
 

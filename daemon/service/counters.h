@@ -69,6 +69,7 @@
     X(disk_bytes)                                                                                                      \
     X(disk_budget)                                                                                                     \
     X(disk_queue_bytes) /* of results that wait to be written */                                                       \
+    X(disk_ready_bytes) /* of memfds whose pages are ready for results to be read */                                   \
     X(memory_live)                                                                                                     \
     X(memory_peak)                                                                                                     \
     X(memory_limit)                                                                                                    \

@@ -7,9 +7,12 @@
 #include "proto/base/container_of.h"
 #include "proto/wire/control.h"
 
+enum { READY_IDLE_MS = 5000 };
+
 struct disk {
     struct store *store;
     struct disk_writer *writer;
+    struct ready_memfds *ready; /* for entries that are read */
     struct blob_account *account;
     atomic_bool closing; /* ends long calls of the store */
     _Atomic uint64_t read_errors;
@@ -39,6 +42,19 @@ static enum bvhd_status check_length(const struct disk *disk, struct bvhd_error 
                           CONTROL_PATH_SIZE - 1);
 }
 
+/* To prepare takes as long as to read, so there is time for it while at most half of the readers read. */
+static enum bvhd_status create_ready(struct disk *disk, const struct disk_options *options, struct bvhd_error *error)
+{
+    const struct ready_options ready = {
+        .memory = disk->account->memory,
+        .descriptors = disk->account->descriptors,
+        .budget = options->ready,
+        .most_readers = options->readers / 2,
+        .idle_ms = READY_IDLE_MS,
+    };
+    return ready_memfds_create(&ready, &disk->ready, error);
+}
+
 enum bvhd_status disk_open(const struct disk_options *options, struct blob_account *account, struct disk **ret_disk,
                            struct bvhd_error *error)
 {
@@ -63,6 +79,8 @@ enum bvhd_status disk_open(const struct disk_options *options, struct blob_accou
     if (status == BVHD_OK)
         status = disk_writer_create(disk->store, options->queue, account->memory, &disk->writer, error);
     if (status == BVHD_OK)
+        status = create_ready(disk, options, error);
+    if (status == BVHD_OK)
         *ret_disk = disk;
     else
         disk_close(disk);
@@ -76,6 +94,7 @@ void disk_close(struct disk *disk)
     atomic_store_explicit(&disk->closing, true, memory_order_relaxed);
     disk_writer_destroy(disk->writer, DISK_CLOSE_MS);
     store_close(disk->store);
+    ready_memfds_destroy(disk->ready);
     give_descriptors(disk->account);
     memory_free(disk->account->memory, disk);
 }
@@ -86,6 +105,7 @@ void disk_close(struct disk *disk)
 struct reading {
     struct store_sink sink;
     const atomic_bool *cancel;
+    struct ready_memfds *ready;
     struct blob_writer writer;
     struct summary summary;
 };
@@ -101,7 +121,12 @@ static enum bvhd_status begin(struct store_sink *sink, const struct store_entry 
     enum bvhd_status status = summary_read(entry->summary, entry->size, &reading->summary, error);
     if (status == BVHD_OK && entry->size == 0)
         status = bvhd_error_set(error, BVHD_CORRUPT, "size", "an empty result");
-    return status == BVHD_OK ? blob_writer_begin(&reading->writer, entry->size, error) : status;
+    return status == BVHD_OK ? blob_writer_begin(&reading->writer, entry->size, reading->ready, error) : status;
+}
+
+static unsigned char *room(struct store_sink *sink, uint64_t size)
+{
+    return blob_writer_room(&reading_of(sink)->writer, size);
 }
 
 static enum bvhd_status append(struct store_sink *sink, const void *bytes, uint64_t size, struct bvhd_error *error)
@@ -132,7 +157,7 @@ static enum bvhd_status finish(struct reading *reading, const struct key *key, s
 static enum bvhd_status read_entry(struct disk *disk, const struct key *key, const atomic_bool *cancel,
                                    struct blob **ret_blob, struct bvhd_error *error)
 {
-    struct reading reading = {.sink = {begin, append}, .cancel = cancel};
+    struct reading reading = {.sink = {begin, room, append}, .cancel = cancel, .ready = disk->ready};
     blob_writer_init(&reading.writer, disk->account);
     enum bvhd_status status = store_get(disk->store, key, &reading.sink, error);
     if (status == BVHD_OK)
@@ -146,7 +171,9 @@ enum bvhd_status disk_read(struct disk *disk, const struct key *key, const atomi
 {
     enum bvhd_status status = BVHD_BUSY;
     if (take_descriptors(disk->account, error)) {
+        ready_memfds_enter(disk->ready);
         status = read_entry(disk, key, cancel, ret_blob, error);
+        ready_memfds_leave(disk->ready);
         give_descriptors(disk->account);
     }
     if (status != BVHD_OK && status != BVHD_NOT_FOUND && status != BVHD_CANCELLED)
@@ -190,6 +217,7 @@ struct disk_state disk_state(const struct disk *disk)
         .dropped = load.dropped,
         .queued = load.queued,
         .queued_bytes = load.queued_bytes,
+        .ready_bytes = ready_memfds_load(disk->ready).bytes,
     };
 }
 

@@ -15,6 +15,8 @@ struct disk_options {
     const char *directory;
     uint64_t budget; /* the most bytes on disk */
     uint64_t queue; /* the most bytes of results that wait to be written */
+    uint64_t ready; /* the most bytes of memfds that are ready for results to be read (ready_memfds.h) */
+    unsigned readers; /* threads that read */
 };
 
 struct disk;
@@ -58,6 +60,7 @@ struct disk_state {
     uint64_t read_errors; /* entries that could not be read, for other reasons than damage */
     uint64_t dropped; /* results that were not written because too much was queued */
     uint64_t queued, queued_bytes; /* results that wait to be written */
+    uint64_t ready_bytes; /* of memfds that are ready for results to be read */
 };
 
 /* For any thread. */

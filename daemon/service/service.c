@@ -40,6 +40,9 @@ enum {
 /* Results that wait to be written to disk may take that many bytes, and the budget divided by QUEUE_DIVISOR. */
 enum { DISK_QUEUE = 256 << 20, QUEUE_DIVISOR = 8 };
 
+/* The same for memfds that are ready for results from disk. */
+enum { DISK_READY = 32 << 20, READY_DIVISOR = 64 };
+
 struct service_options service_options_default(void)
 {
     uint64_t most = machine_memory() / CACHE_DIVISOR;
@@ -105,13 +108,22 @@ static void init_users(struct service *service)
     };
 }
 
+static uint64_t part_of(uint64_t memory, uint64_t divisor, uint64_t most)
+{
+    return memory / divisor < most ? memory / divisor : most;
+}
+
 /* The service works without a cache on disk, too, if it cannot have one. */
 static void open_disk(struct service *service)
 {
     const struct service_options *options = &service->options;
-    uint64_t queue = options->memory / QUEUE_DIVISOR;
-    const struct disk_options disk = {options->disk_directory, options->disk_budget,
-                                      queue < DISK_QUEUE ? queue : DISK_QUEUE};
+    const struct disk_options disk = {
+        .directory = options->disk_directory,
+        .budget = options->disk_budget,
+        .queue = part_of(options->memory, QUEUE_DIVISOR, DISK_QUEUE),
+        .ready = part_of(options->memory, READY_DIVISOR, DISK_READY),
+        .readers = pool_threads(service->pool),
+    };
     struct bvhd_error error;
     if (!options->disk_directory || disk_open(&disk, &service->account, &service->disk, &error) == BVHD_OK)
         return;
@@ -317,6 +329,7 @@ static void count_disk(const struct service *service, struct counters *counters)
     counters->disk_bytes = state.store.bytes;
     counters->disk_budget = state.store.budget;
     counters->disk_queue_bytes = state.queued_bytes;
+    counters->disk_ready_bytes = state.ready_bytes;
 }
 
 static void count_memory(const struct service *service, struct counters *counters)

@@ -49,11 +49,19 @@ static enum bvhd_status begin(struct store_sink *sink, const struct store_entry 
     return reading->blob ? BVHD_OK : bvhd_error_no_memory(error, "cache", "no memory for a result on disk");
 }
 
+static unsigned char *room(struct store_sink *sink, uint64_t size)
+{
+    const struct reading *reading = container_of(sink, struct reading, sink);
+    (void)size;
+    return reading->blob + reading->at;
+}
+
 static enum bvhd_status take(struct store_sink *sink, const void *bytes, uint64_t size, struct bvhd_error *error)
 {
     struct reading *reading = container_of(sink, struct reading, sink);
     (void)error;
-    memcpy(reading->blob + reading->at, bytes, size);
+    if (bytes != reading->blob + reading->at)
+        memcpy(reading->blob + reading->at, bytes, size);
     reading->at += size;
     return BVHD_OK;
 }
@@ -62,7 +70,7 @@ static bool get(struct batch_cache *batch, const struct key *key, struct memory 
                 struct summary *ret_summary)
 {
     struct local_cache *cache = container_of(batch, struct local_cache, cache);
-    struct reading reading = {.sink = {begin, take}, .memory = memory};
+    struct reading reading = {.sink = {begin, room, take}, .memory = memory};
     struct bvhd_error error;
     enum bvhd_status status = store_get(cache->store, key, &reading.sink, &error);
     if (status != BVHD_OK) {

@@ -102,6 +102,7 @@ struct bed_sink {
     char summary[STORE_SUMMARY_MAX + 1];
     unsigned char *bytes;
     uint64_t size, got;
+    bool has_no_room; /* pieces come in memory of the store, and not where this sink keeps them */
     enum bvhd_status begin_status, write_status; /* what it answers */
 };
 
@@ -117,12 +118,20 @@ static inline enum bvhd_status bed_sink_begin(struct store_sink *sink, const str
     return bed->begin_status == BVHD_OK ? BVHD_OK : bvhd_error_set(error, bed->begin_status, "begin", "refused");
 }
 
+static inline unsigned char *bed_sink_room(struct store_sink *sink, uint64_t size)
+{
+    struct bed_sink *bed = (struct bed_sink *)sink;
+    assert_true(size > 0 && size <= STORE_PIECE && size <= bed->size - bed->got);
+    return bed->has_no_room ? NULL : bed->bytes + bed->got;
+}
+
 static inline enum bvhd_status bed_sink_write(struct store_sink *sink, const void *bytes, uint64_t size,
                                               struct bvhd_error *error)
 {
     struct bed_sink *bed = (struct bed_sink *)sink;
     assert_true(size > 0 && size <= STORE_PIECE && size <= bed->size - bed->got);
-    memcpy(bed->bytes + bed->got, bytes, size);
+    if (bytes != bed->bytes + bed->got)
+        memcpy(bed->bytes + bed->got, bytes, size);
     bed->got += size;
     return bed->write_status == BVHD_OK ? BVHD_OK : bvhd_error_set(error, bed->write_status, "write", "refused");
 }
@@ -130,7 +139,7 @@ static inline enum bvhd_status bed_sink_write(struct store_sink *sink, const voi
 /* Reads an entry. If that succeeds, it must be the one that bed_put has written, of any size. */
 static inline enum bvhd_status bed_get(uint32_t number, struct bvhd_error *error)
 {
-    struct bed_sink sink = {.sink = {bed_sink_begin, bed_sink_write}};
+    struct bed_sink sink = {.sink = {bed_sink_begin, bed_sink_room, bed_sink_write}};
     struct key key = bed_key(number);
     enum bvhd_status status = store_get(bed_store, &key, &sink.sink, error);
     if (status == BVHD_OK) {

@@ -109,7 +109,7 @@ static void a_receiver_may_refuse(void **state)
     bed_put(1, 100);
     for (int at = 0; at < 4; at++) {
         enum bvhd_status status = at < 2 ? BVHD_NO_MEMORY : BVHD_CORRUPT;
-        struct bed_sink sink = {.sink = {bed_sink_begin, bed_sink_write}};
+        struct bed_sink sink = {.sink = {bed_sink_begin, bed_sink_room, bed_sink_write}};
         *(at % 2 ? &sink.begin_status : &sink.write_status) = status;
         assert_int_equal(store_get(bed_store, &key, &sink.sink, &error), at < 2 ? BVHD_NO_MEMORY : BVHD_NOT_FOUND);
         assert_non_null(strstr(error.text, "refused"));
@@ -119,6 +119,25 @@ static void a_receiver_may_refuse(void **state)
             bed_put(1, 100);
         assert_true(bed_has(1));
     }
+}
+
+/* Pieces arrive where the receiver has room for them, or in memory of the store: all but the first. */
+static void a_receiver_may_have_no_room(void **state)
+{
+    (void)state;
+    struct key key = bed_key(1);
+    struct bvhd_error error = {0};
+    unsigned char *bytes[2];
+    bed_put(1, 300000);
+    for (int i = 0; i < 2; i++) {
+        struct bed_sink sink = {.sink = {bed_sink_begin, bed_sink_room, bed_sink_write}, .has_no_room = i == 1};
+        assert_int_equal(store_get(bed_store, &key, &sink.sink, &error), BVHD_OK);
+        assert_int_equal(sink.got, 300000);
+        bytes[i] = sink.bytes;
+    }
+    assert_memory_equal(bytes[0], bytes[1], 300000);
+    free(bytes[0]);
+    free(bytes[1]);
 }
 
 /* Files that change while they are read: one that becomes shorter, one that vanishes, and one that was mended. */
@@ -145,7 +164,7 @@ static enum bvhd_status mend(struct store_sink *sink, const struct store_entry *
 static enum bvhd_status get_while(enum bvhd_status (*begin)(struct store_sink *, const struct store_entry *,
                                                             struct bvhd_error *))
 {
-    struct bed_sink sink = {.sink = {begin, bed_sink_write}};
+    struct bed_sink sink = {.sink = {begin, bed_sink_room, bed_sink_write}};
     struct key key = bed_key(1);
     struct bvhd_error error = {0};
     enum bvhd_status status = store_get(bed_store, &key, &sink.sink, &error);
@@ -201,6 +220,7 @@ int main(void)
         cmocka_unit_test_setup_teardown(damaged_files_are_few, bed_begin, bed_end),
         cmocka_unit_test_setup_teardown(what_is_no_file_is_set_aside, bed_begin, bed_end),
         cmocka_unit_test_setup_teardown(a_shard_may_be_anything, bed_begin, bed_end),
+        cmocka_unit_test_setup_teardown(a_receiver_may_have_no_room, bed_begin, bed_end),
         cmocka_unit_test_setup_teardown(a_receiver_may_refuse, bed_begin, bed_end),
         cmocka_unit_test_setup_teardown(files_may_change_meanwhile, bed_begin, bed_end),
         cmocka_unit_test_setup_teardown(a_hit_refreshes_the_time, bed_begin, bed_end),

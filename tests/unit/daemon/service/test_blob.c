@@ -90,7 +90,7 @@ static bool in_pieces;
 
 static enum bvhd_status append_pieces(struct blob_writer *writer, uint64_t size, struct bvhd_error *error)
 {
-    enum bvhd_status status = blob_writer_begin(writer, size, error);
+    enum bvhd_status status = blob_writer_begin(writer, size, NULL, error);
     if (status != BVHD_OK)
         return status;
     unsigned char *bytes = malloc(size);
@@ -325,9 +325,65 @@ static void what_is_discarded_is_gone(void **state)
         blob_unref(blob);
         assert_true(nothing_is_held());
 
-        assert_int_equal(blob_writer_begin(&writer, sizes[i], NULL), BVHD_OK); /* a source that ends too early */
+        assert_int_equal(blob_writer_begin(&writer, sizes[i], NULL, NULL), BVHD_OK); /* a source that ends too early */
         assert_int_equal(blob_writer_append(&writer, "x", 1, NULL), BVHD_OK);
         blob_writer_discard(&writer);
+        assert_true(nothing_is_held());
+    }
+}
+
+/* Lets one memfd of about that size become ready. */
+static void prepare(struct ready_memfds *ready, uint64_t size)
+{
+    struct memfd memfd;
+    ready_memfds_enter(ready);
+    assert_false(ready_memfds_take(ready, size, &memfd));
+    ready_memfds_leave(ready);
+    for (int i = 0; i < 60000 && ready_memfds_load(ready).count == 0; i++)
+        usleep(1000);
+    assert_int_equal(ready_memfds_load(ready).count, 1);
+}
+
+/* Writes some bytes where the blob has room for them, and others elsewhere. */
+static void append_to_ready(struct blob_writer *writer, const unsigned char *bytes, uint64_t size)
+{
+    for (uint64_t at = 0, piece; at < size; at += piece) {
+        piece = size - at < 50000 ? size - at : 50000;
+        unsigned char *room = blob_writer_room(writer, piece);
+        assert_non_null(room);
+        if (at % 100000 == 0)
+            memcpy(room, bytes + at, piece);
+        assert_int_equal(blob_writer_append(writer, at % 100000 == 0 ? room : bytes + at, piece, NULL), BVHD_OK);
+    }
+}
+
+static void a_memfd_that_was_ready_becomes_a_blob(void **state)
+{
+    (void)state;
+    static const uint64_t lengths[] = {READY_SIZE_MIN, 300001, 1 << 20, 5000000};
+    static unsigned char bytes[5000000];
+    fill(bytes, sizeof bytes);
+    for (int i = 0; i < 8; i++) {
+        const struct ready_options options = {&memory, &descriptors, 8 << 20, 0, 1000000};
+        struct ready_memfds *ready;
+        struct blob_writer writer;
+        struct blob *blob;
+        assert_int_equal(ready_memfds_create(&options, &ready, NULL), BVHD_OK);
+        prepare(ready, lengths[i / 2]);
+        ready_memfds_enter(ready);
+        blob_writer_init(&writer, &account);
+        assert_int_equal(blob_writer_begin(&writer, lengths[i / 2], ready, NULL), BVHD_OK);
+        assert_int_equal(ready_memfds_load(ready).count, 0);
+        assert_int_equal(descriptors.used, 1);
+        append_to_ready(&writer, bytes, lengths[i / 2]);
+        if (i % 2 == 0) {
+            assert_int_equal(blob_writer_finish(&writer, &blob, NULL), BVHD_OK);
+            expect_file(blob->descriptor, lengths[i / 2]);
+            expect_unchangeable(blob->descriptor);
+            blob_unref(blob);
+        }
+        blob_writer_discard(&writer);
+        ready_memfds_destroy(ready);
         assert_true(nothing_is_held());
     }
 }
@@ -514,7 +570,11 @@ int main(void)
         cmocka_unit_test_setup_teardown(any_thread_may_let_go_last, set_up, tear_down),
         cmocka_unit_test_setup_teardown(writers_share_an_account, set_up, tear_down),
     };
+    static const struct CMUnitTest ready_tests[] = {
+        cmocka_unit_test_setup_teardown(a_memfd_that_was_ready_becomes_a_blob, set_up, tear_down),
+    };
     int failures = cmocka_run_group_tests_name("built", tests, NULL, NULL);
     in_pieces = true;
-    return failures + cmocka_run_group_tests_name("in pieces", tests, NULL, NULL);
+    failures += cmocka_run_group_tests_name("in pieces", tests, NULL, NULL);
+    return failures + cmocka_run_group_tests_name("in ready memfds", ready_tests, NULL, NULL);
 }

@@ -487,7 +487,7 @@ static void every_allocation_may_fail(void **state)
     enum bvhd_status status = BVHD_NO_MEMORY;
     memory_init(&memory, UINT64_MAX);
     blob_account_init(&account, &memory, &world.service->descriptors);
-    const struct disk_options own = {directory, 64 << 20, 1 << 20};
+    const struct disk_options own = {directory, 64 << 20, 1 << 20, 1 << 20, 2};
     for (int failures = 0; status != BVHD_OK; failures++) {
         struct bvhd_error error;
         memory.fail_after = failures;
@@ -521,7 +521,7 @@ static void a_directory_that_cannot_be_told_is_refused(void **state)
         *slash = 0;
         mkdir(path, 0700);
     }
-    const struct disk_options own = {path, 64 << 20, 1 << 20};
+    const struct disk_options own = {path, 64 << 20, 1 << 20, 1 << 20, 2};
     assert_int_equal(disk_open(&own, &account, &disk, &error), BVHD_TOO_LARGE);
     assert_string_equal(error.where, "cache");
     path[CONTROL_PATH_SIZE - 1] = 0;
