@@ -93,7 +93,7 @@ assimp/|png.h|cjson/|cJSON.h client/bvhctl/
 vulkan/ client/
 uv.h|uv/ daemon/
 systemd/ daemon/
-xxhash[.]h builder/store/
+xxhash[.]h|xxh_x86dispatch[.]h builder/store/
 protobuf-c/|[a-z_/]*[.]pb-c[.]h proto/wire/control
 END
 }
