@@ -329,7 +329,7 @@ static enum bvhd_status join_wide_pieces(struct construction *construction, cons
 /* Cost of testing a leaf relative to a wide node: a triangle is tested faster than a box that only bounds something. */
 static float leaf_cost(const struct canonical *canonical)
 {
-    return is_of_triangles(canonical) ? 0.3f : 1.0f;
+    return is_of_triangles(canonical) ? BUILD_TRIANGLE_COST : 1.0f;
 }
 
 static struct collapse_options collapse_wanted(const struct construction *construction)

@@ -18,6 +18,12 @@
 /* Part of every key: changes whenever the same request would give other bytes. */
 enum { BUILD_VERSION = 6 };
 
+/* Part of the keys of updates: changes whenever the same update of the same structure would give other bytes. */
+enum { REFIT_VERSION = 1 };
+
+/* What a ray's test of a triangle costs, relative to a wide node. All other records cost as much as a node. */
+#define BUILD_TRIANGLE_COST 0.3f
+
 /*
  * Wall time of each stage in milliseconds. A tree that becomes wide piece by piece, as nearly all of quality fast do,
  * is collapsed within `pieces` and `join`; its `collapse` is 0.

@@ -11,7 +11,7 @@
 
 /* The terminating NULs are hashed too, so that the bytes after them start at a fixed offset. */
 static const char leaf_domain[16] = "bvhd key leaf 1", root_domain[16] = "bvhd key root 2",
-                  embree_domain[16] = "bvhd key embree";
+                  embree_domain[16] = "bvhd key embree", update_domain[16] = "bvhd key update";
 
 struct digest_input {
     const void *data;
@@ -147,23 +147,57 @@ static enum bvhd_status fetch_hash(EVP_MD **ret_hash, struct bvhd_error *error)
                       : bvhd_error_no_memory(error, "key", "no memory for the hash library");
 }
 
-enum bvhd_status content_key(const struct canonical *canonical, const struct build_options *options,
-                             const struct build_context *context, struct key *ret_key, struct bvhd_error *error)
+/*
+ * Hashes the canonical copy and the root. One fetch serves all leaves: it takes locks that the threads would wait for.
+ */
+static enum bvhd_status digest_copy(const struct canonical *canonical, const struct root *root,
+                                    const struct build_context *context, struct key *ret_key, struct bvhd_error *error)
 {
-    const struct layout *layout = layout_find(options->target);
-    if (!layout)
-        return bvhd_error_set(error, BVHD_UNSUPPORTED, "target", "there is no target %d", (int)options->target);
-    struct root root = describe_root(canonical, options, layout);
-    enum bvhd_status status = describe_builder(options, &root, error);
-    /* One fetch serves all leaves, because it takes locks that the threads would wait for. */
     EVP_MD *hash = NULL;
-    if (status == BVHD_OK)
-        status = fetch_hash(&hash, error);
+    enum bvhd_status status = fetch_hash(&hash, error);
     if (status != BVHD_OK)
         return status;
     struct leaves leaves = {.hash = hash, .block = {canonical->bytes, canonical->size}};
-    status = digest_all(&leaves, &root, context, ret_key, error);
+    status = digest_all(&leaves, root, context, ret_key, error);
     memory_free(context->memory, leaves.digests);
     EVP_MD_free(hash);
     return status;
+}
+
+static enum bvhd_status find_layout(const struct build_options *options, const struct layout **ret_layout,
+                                    struct bvhd_error *error)
+{
+    *ret_layout = layout_find(options->target);
+    return *ret_layout
+               ? BVHD_OK
+               : bvhd_error_set(error, BVHD_UNSUPPORTED, "target", "there is no target %d", (int)options->target);
+}
+
+enum bvhd_status content_key(const struct canonical *canonical, const struct build_options *options,
+                             const struct build_context *context, struct key *ret_key, struct bvhd_error *error)
+{
+    const struct layout *layout;
+    enum bvhd_status status = find_layout(options, &layout, error);
+    if (status != BVHD_OK)
+        return status;
+    struct root root = describe_root(canonical, options, layout);
+    status = describe_builder(options, &root, error);
+    return status == BVHD_OK ? digest_copy(canonical, &root, context, ret_key, error) : status;
+}
+
+enum bvhd_status content_key_update(const struct canonical *canonical, const struct build_options *options,
+                                    const struct key *source, const struct build_context *context, struct key *ret_key,
+                                    struct bvhd_error *error)
+{
+    const struct layout *layout;
+    enum bvhd_status status = find_layout(options, &layout, error);
+    if (status != BVHD_OK)
+        return status;
+    struct root root = {.domain = update_domain, .size = 52};
+    memcpy(root.bytes, source->bytes, KEY_SIZE);
+    bytes_put64(root.bytes + 32, canonical->size);
+    bytes_put32(root.bytes + 40, REFIT_VERSION);
+    bytes_put32(root.bytes + 44, layout->target);
+    bytes_put32(root.bytes + 48, layout->version);
+    return digest_copy(canonical, &root, context, ret_key, error);
 }

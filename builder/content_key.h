@@ -15,7 +15,13 @@
  *     key  = SHA-256("bvhd key embree\0", ... the same up to the device ..., u32 version, u32 estimate (embree.h), the
  *                    leaves' digests in order)
  *
- * so that keys of bvhd's own builders are what they were without it. The device's 36 bytes are zero for a layout that
+ * so that keys of bvhd's own builders are what they were without it. For an update of the structure with the key
+ * `source` it is
+ *
+ *     key  = SHA-256("bvhd key update\0", 32 bytes of the source's key, u64 bytes of the block, u32 REFIT_VERSION,
+ *                    u32 target, u32 layout version, the leaves' digests in order)
+ *
+ * The device's 36 bytes are zero for a layout that
  * does not depend on the device. Numbers are little-endian. The key does not depend on the number of threads or, apart
  * from Embree's estimate, on the machine.
  */
@@ -40,5 +46,13 @@ enum { CONTENT_KEY_LEAF = 1 << 16 };
  */
 enum bvhd_status content_key(const struct canonical *canonical, const struct build_options *options,
                              const struct build_context *context, struct key *ret_key, struct bvhd_error *error);
+
+/*
+ * Computes the key of the structure that refit() makes of the one with the key `source`, for the new geometry in
+ * `canonical`. Of the options only the target counts: everything else is the source's. Fails as content_key does.
+ */
+enum bvhd_status content_key_update(const struct canonical *canonical, const struct build_options *options,
+                                    const struct key *source, const struct build_context *context, struct key *ret_key,
+                                    struct bvhd_error *error);
 
 #endif

@@ -124,6 +124,13 @@ enum bvhd_status lavapipe_open_any(struct bytes blob, struct memory *memory, str
                                    struct bvhd_error *error);
 
 /*
+ * Opens only the headers of a hostile blob: kind, leaf_count and levels of the view are 0. Whoever reads nodes then
+ * checks each of them.
+ */
+enum bvhd_status lavapipe_open_headers(struct bytes blob, enum lavapipe_variant variant, struct lavapipe_view *ret_view,
+                                       struct bvhd_error *error);
+
+/*
  * Return copies of the node at `offset` of the body (kind bits cleared), or of leaf i. The caller reads only what the
  * opened view covers.
  */

@@ -89,11 +89,11 @@ static void inflate_box(const struct box *whole, float slack, struct box *box)
 }
 
 /* A tree's boxes must be finite; the comparisons ignore NaN. */
-static void grow_finite(struct box *box, const struct box *other)
+void lavapipe_bounds_grow(struct box *box, const struct box *drivers)
 {
     for (int axis = 0; axis < 3; axis++) {
-        float min = other->min[axis] < -FLT_MAX ? -FLT_MAX : other->min[axis];
-        float max = other->max[axis] > FLT_MAX ? FLT_MAX : other->max[axis];
+        float min = drivers->min[axis] < -FLT_MAX ? -FLT_MAX : drivers->min[axis];
+        float max = drivers->max[axis] > FLT_MAX ? FLT_MAX : drivers->max[axis];
         box->min[axis] = min < box->min[axis] ? min : box->min[axis];
         box->max[axis] = max > box->max[axis] ? max : box->max[axis];
     }
@@ -109,7 +109,7 @@ static void inflate_leaves(void *context, size_t index)
             continue;
         struct box drivers = lavapipe_bounds_leaf(inflation->canonical, ir->refs[ir->nodes[node].first]);
         if (inflation->canonical->type == STRUCTURE_TOP)
-            grow_finite(&ir->boxes[0][node], &drivers);
+            lavapipe_bounds_grow(&ir->boxes[0][node], &drivers);
         else
             inflate_box(&drivers, inflation->slack, &ir->boxes[0][node]);
     }

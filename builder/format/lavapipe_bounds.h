@@ -25,6 +25,9 @@ struct box lavapipe_bounds_join(const struct box *first, const struct box *secon
  */
 struct box lavapipe_bounds_leaf(const struct canonical *canonical, uint32_t id);
 
+/* Grows a box to contain the driver's box of an instance, as far as that is finite; NaNs are ignored. */
+void lavapipe_bounds_grow(struct box *box, const struct box *drivers);
+
 /*
  * Enlarges boxes for the driver (layout.inflate_boxes). Returns false when cancelled. The driver tests boxes in float,
  * without a margin. A ray finds a triangle through any tree as it does through the driver's own, because the boxes

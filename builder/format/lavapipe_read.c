@@ -238,6 +238,16 @@ static enum bvhd_status walk_boxes(struct box_walk *walk)
     return status;
 }
 
+enum bvhd_status lavapipe_open_headers(struct bytes blob, enum lavapipe_variant variant, struct lavapipe_view *ret_view,
+                                       struct bvhd_error *error)
+{
+    struct lavapipe_view view;
+    enum bvhd_status status = read_headers(blob, variant, &view, error);
+    if (status == BVHD_OK)
+        *ret_view = view;
+    return status;
+}
+
 /*
  * The leaves of a top level exist even if no box refers to them. The kind of the leaves of a bottom level without
  * references is unknown.

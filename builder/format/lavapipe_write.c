@@ -4,9 +4,7 @@
 #include <inttypes.h>
 #include <math.h>
 
-#include "builder/format/lavapipe.h"
 #include "builder/format/lavapipe_bounds.h"
-#include "builder/format/lavapipe_leaves.h"
 #include "builder/format/serialized.h"
 
 enum { BOX_CHUNK = 4096, LEAF_CHUNK = 8192, PREFETCH_AHEAD = 12, BOX = sizeof(struct lavapipe_box) };
@@ -111,21 +109,24 @@ static enum bvhd_status allocate(struct lavapipe_writer *w, struct bvhd_error *e
     return BVHD_OK;
 }
 
-/* Loads the minimum and maximum over all motion keys. The sign of zeros is the same as in the leaves. */
-static void load_bounds(const struct lavapipe_writer *w, uint32_t node, float ret_bounds[6])
+/* The sign of zeros is the same as in the leaves. */
+void lavapipe_root_bounds(const struct lavapipe_leaves *leaves, const struct box *box, float ret_bounds[6])
 {
-    const struct ir *ir = w->input->ir;
-    const float *bounds = (const float *)&ir->boxes[0][node];
-    struct box both;
-    if (ir->key_count > 1) {
-        both = ir->boxes[0][node];
-        box_grow(&both, &ir->boxes[1][node]);
-        bounds = (const float *)&both;
-    }
+    const float *bounds = (const float *)box;
     _Static_assert(sizeof(struct box) == 6 * sizeof(float), "a box is six floats");
-    float zero = w->leaves.unsigned_zeros ? 0.0f : -0.0f;
+    float zero = leaves->unsigned_zeros ? 0.0f : -0.0f;
     for (int k = 0; k < 6; k++)
         ret_bounds[k] = bounds[k] + zero;
+}
+
+/* Returns the box of an ir node over all motion keys, in `storage` if it has to be computed. */
+static const struct box *box_of(const struct ir *ir, uint32_t node, struct box *storage)
+{
+    if (ir->key_count == 1)
+        return &ir->boxes[0][node];
+    *storage = ir->boxes[0][node];
+    box_grow(storage, &ir->boxes[1][node]);
+    return storage;
 }
 
 /*
@@ -139,6 +140,14 @@ static void pad_bounds(float bounds[6])
     }
 }
 
+void lavapipe_child_bounds(const struct lavapipe_leaves *leaves, enum lavapipe_variant variant, const struct box *box,
+                           float ret_bounds[6])
+{
+    lavapipe_root_bounds(leaves, box, ret_bounds);
+    if (variant == LAVAPIPE_COMPACTED)
+        pad_bounds(ret_bounds);
+}
+
 static uint32_t reference_to(const struct lavapipe_writer *w, uint32_t node)
 {
     const struct ir *ir = w->input->ir;
@@ -150,10 +159,8 @@ static uint32_t reference_to(const struct lavapipe_writer *w, uint32_t node)
 
 static void store_child(const struct lavapipe_writer *w, struct lavapipe_box *box, int child, uint32_t node)
 {
-    float *bounds = (float *)&box->bounds[child];
-    load_bounds(w, node, bounds);
-    if (w->variant == LAVAPIPE_COMPACTED)
-        pad_bounds(bounds);
+    struct box storage;
+    lavapipe_child_bounds(&w->leaves, w->variant, box_of(w->input->ir, node, &storage), (float *)&box->bounds[child]);
     box->children[child] = reference_to(w, node);
 }
 
@@ -239,8 +246,9 @@ static void write_headers(const struct lavapipe_writer *w)
     serialized_write(w->blob, &serialized);
     memset(header, 0, LAVAPIPE_HEADER);
     if (w->input->ir->node_count > 0) {
+        struct box storage;
         float bounds[6];
-        load_bounds(w, 0, bounds);
+        lavapipe_root_bounds(&w->leaves, box_of(w->input->ir, 0, &storage), bounds);
         memcpy(header, bounds, sizeof bounds);
     }
     if (w->variant == LAVAPIPE_COMPACTED) {

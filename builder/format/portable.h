@@ -163,6 +163,12 @@ struct portable_view {
 enum bvhd_status portable_open(struct bytes blob, struct memory *memory, struct portable_view *ret_view,
                                struct bvhd_error *error);
 
+/*
+ * Opens only the headers, the places of the sections, and the geometries of a hostile blob. Whoever reads nodes and
+ * records then checks each of them.
+ */
+enum bvhd_status portable_open_sections(struct bytes blob, struct portable_view *ret_view, struct bvhd_error *error);
+
 /* Returns the geometry of a flat primitive id. */
 uint32_t portable_geometry_of(const struct portable_view *view, uint32_t id);
 

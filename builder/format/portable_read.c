@@ -294,20 +294,33 @@ static enum bvhd_status check_tree(struct portable_reader *r, struct memory *mem
     return status;
 }
 
+static enum bvhd_status open_sections(struct portable_reader *r, struct bytes blob)
+{
+    assert((uintptr_t)blob.data % 16 == 0);
+    enum bvhd_status status = find_body(r, blob);
+    if (status == BVHD_OK)
+        status = check_counts(r);
+    if (status == BVHD_OK)
+        status = check_bounds(r);
+    if (status == BVHD_OK)
+        status = find_sections(r);
+    return status == BVHD_OK ? check_geometries(r) : status;
+}
+
+enum bvhd_status portable_open_sections(struct bytes blob, struct portable_view *ret_view, struct bvhd_error *error)
+{
+    struct portable_reader r = {.error = error};
+    enum bvhd_status status = open_sections(&r, blob);
+    if (status == BVHD_OK)
+        *ret_view = r.view;
+    return status;
+}
+
 enum bvhd_status portable_open(struct bytes blob, struct memory *memory, struct portable_view *ret_view,
                                struct bvhd_error *error)
 {
-    assert((uintptr_t)blob.data % 16 == 0);
     struct portable_reader r = {.error = error};
-    enum bvhd_status status = find_body(&r, blob);
-    if (status == BVHD_OK)
-        status = check_counts(&r);
-    if (status == BVHD_OK)
-        status = check_bounds(&r);
-    if (status == BVHD_OK)
-        status = find_sections(&r);
-    if (status == BVHD_OK)
-        status = check_geometries(&r);
+    enum bvhd_status status = open_sections(&r, blob);
     if (status == BVHD_OK)
         status = check_tree(&r, memory);
     if (status == BVHD_OK)

@@ -49,6 +49,7 @@ builder/wide                proto/base builder/format
 builder/top                 proto/base builder/format builder/kernel builder/input builder/piece builder/wide
 builder                     proto/base builder/format builder/kernel builder/input builder/piece builder/wide
                             builder/top
+builder/update              proto/base builder/format builder/kernel builder/input builder
 builder/local               proto/base builder/format builder/input builder
 builder/store               proto/base
 daemon/system               proto/base

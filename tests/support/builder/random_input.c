@@ -229,12 +229,13 @@ static void apply(const float *matrix, float position[3])
 }
 
 /* The choices for one triangle geometry. */
-struct triangle_plan {
+struct random_plan {
     const struct format *format;
     uint32_t count, vertex_count, first_vertex, offset;
     uint64_t stride;
-    const unsigned char *vertices; /* from the geometry's own offset on */
+    unsigned char *vertices; /* from the geometry's own offset on */
     uint32_t *indices; /* of all corners, without first_vertex */
+    float *matrix; /* the transform; NULL: none */
 };
 
 /*
@@ -253,13 +254,18 @@ static uint64_t random_stride(const struct format *format, struct random *random
     return element + component * random_below(random, 7);
 }
 
-static void make_vertices(struct random_input *input, struct triangle_plan *plan, struct random *random,
+static uint64_t element_size(const struct random_plan *plan)
+{
+    return (uint64_t)component_sizes[plan->format->component] *
+           (plan->format->component == PACKED ? 1 : plan->format->read);
+}
+
+static void make_vertices(struct random_input *input, struct random_plan *plan, struct random *random,
                           struct geometry *geometry)
 {
     bool wide = plan->format->component == FLOAT || plan->format->component == DOUBLE;
     struct manner manner = random_manner(random, wide);
-    uint64_t element = (uint64_t)component_sizes[plan->format->component] *
-                       (plan->format->component == PACKED ? 1 : plan->format->read);
+    uint64_t element = element_size(plan);
     uint64_t last = plan->first_vertex + (plan->vertex_count ? plan->vertex_count - 1 : 0);
     uint64_t base = geometry->triangles.index_type == INDEX_NONE ? plan->offset : 0;
     uint64_t size = plan->vertex_count ? base + plan->stride * last + element : 0;
@@ -278,7 +284,7 @@ static void make_vertices(struct random_input *input, struct triangle_plan *plan
 }
 
 /* Returns an index in a strip of the sheet, a neighbour, a repetition, or any index. */
-static uint32_t random_index(const struct triangle_plan *plan, uint32_t corner, struct random *random)
+static uint32_t random_index(const struct random_plan *plan, uint32_t corner, struct random *random)
 {
     static const uint32_t strip[6] = {0, 1, 7, 1, 8, 7};
     uint32_t triangle = corner / 3;
@@ -287,7 +293,7 @@ static uint32_t random_index(const struct triangle_plan *plan, uint32_t corner, 
     return (triangle / 2 + strip[corner % 6]) % plan->vertex_count;
 }
 
-static void make_indices(struct random_input *input, struct triangle_plan *plan, struct random *random,
+static void make_indices(struct random_input *input, struct random_plan *plan, struct random *random,
                          struct geometry *geometry)
 {
     uint32_t type = geometry->triangles.index_type, size = type == INDEX_UINT16 ? 2 : 4;
@@ -312,20 +318,20 @@ static void *zeroed(size_t count, size_t size)
     return block;
 }
 
-static void mean_triangles(const struct triangle_plan *plan, const float *matrix, struct random_meaning *ret_meaning)
+static void mean_triangles(const struct random_plan *plan, struct random_meaning *ret_meaning)
 {
     ret_meaning->count = plan->count;
     ret_meaning->corners = zeroed(plan->count, sizeof *ret_meaning->corners);
-    ret_meaning->moved = matrix != NULL;
+    ret_meaning->moved = plan->matrix != NULL;
     for (uint32_t i = 0; i < 3 * plan->count; i++) {
         float *corner = ret_meaning->corners[i / 3][i % 3];
         decode_vertex(plan->format, plan->vertices + plan->stride * (plan->first_vertex + plan->indices[i]), corner);
-        if (matrix)
-            apply(matrix, corner);
+        if (plan->matrix)
+            apply(plan->matrix, corner);
     }
 }
 
-static const float *make_transform(struct random_input *input, struct random *random, struct geometry *geometry)
+static float *make_transform(struct random_input *input, struct random *random, struct geometry *geometry)
 {
     if (!random_chance(random, 0.3))
         return NULL;
@@ -337,15 +343,15 @@ static const float *make_transform(struct random_input *input, struct random *ra
     memcpy(bytes + offset, matrix, sizeof matrix);
     geometry->triangles.transform = (struct bytes){bytes, offset + 48};
     geometry->range.transform_offset = offset;
-    return (const float *)(const void *)(bytes + offset);
+    return (float *)(void *)(bytes + offset);
 }
 
 static void make_triangles(struct random_input *input, uint32_t index, uint32_t count, struct random *random)
 {
     static const uint32_t index_types[] = {INDEX_NONE, INDEX_UINT16, INDEX_UINT32};
     struct geometry *geometry = &input->geometries[index];
-    struct triangle_plan plan = {.format = &formats[random_below(random, sizeof formats / sizeof formats[0])],
-                                 .count = count};
+    struct random_plan plan = {.format = &formats[random_below(random, sizeof formats / sizeof formats[0])],
+                               .count = count};
     *geometry = (struct geometry){.type = GEOMETRY_TRIANGLES, .flags = random_below(random, 4)};
     uint32_t type = index_types[random_below(random, 3)];
     uint32_t unit = type == INDEX_NONE ? component_sizes[plan.format->component] : type == INDEX_UINT16 ? 2 : 4;
@@ -364,9 +370,39 @@ static void make_triangles(struct random_input *input, uint32_t index, uint32_t 
         plan.indices[i] = i;
     if (type != INDEX_NONE)
         make_indices(input, &plan, random, geometry);
-    const float *matrix = make_transform(input, random, geometry);
-    mean_triangles(&plan, matrix, &input->meanings[index]);
-    free(plan.indices);
+    plan.matrix = make_transform(input, random, geometry);
+    mean_triangles(&plan, &input->meanings[index]);
+    input->plans[index] = zeroed(1, sizeof plan);
+    *input->plans[index] = plan;
+}
+
+static bool vertex_is_number(const struct random_plan *plan, uint32_t vertex)
+{
+    float position[3];
+    decode_vertex(plan->format, plan->vertices + plan->stride * (plan->first_vertex + vertex), position);
+    return !isnan(position[0]) && !isnan(position[1]) && !isnan(position[2]);
+}
+
+/* Vertices without NaNs change places. Where elements overlap, they would change others too, and stay. */
+static void move_triangles(struct random_plan *plan, struct random *random, struct random_meaning *meaning)
+{
+    const uint64_t size = element_size(plan);
+    const uint32_t most = random_chance(random, 0.5) ? plan->vertex_count : 8;
+    unsigned char swap[24];
+    for (uint32_t i = 0; i < plan->vertex_count && plan->stride >= size; i++) {
+        const uint32_t k = (i + random_below(random, most)) % plan->vertex_count;
+        unsigned char *a = plan->vertices + plan->stride * (plan->first_vertex + i),
+                      *b = plan->vertices + plan->stride * (plan->first_vertex + k);
+        if (!vertex_is_number(plan, i) || !vertex_is_number(plan, k) || random_chance(random, 0.3))
+            continue;
+        memcpy(swap, a, size);
+        memcpy(a, b, size);
+        memcpy(b, swap, size);
+    }
+    if (plan->matrix && random_chance(random, 0.5))
+        random_matrix(random, plan->matrix);
+    free(meaning->corners);
+    mean_triangles(plan, meaning);
 }
 
 /* ---- Boxes ---- */
@@ -415,7 +451,44 @@ static void make_boxes(struct random_input *input, uint32_t index, uint32_t coun
     geometry->range = (struct geometry_range){.primitive_count = count, .primitive_offset = offset};
 }
 
+static bool box_is_number(const float box[6])
+{
+    bool number = true;
+    for (int i = 0; i < 6; i++)
+        number &= !isnan(box[i]);
+    return number;
+}
+
+/* Boxes without NaNs change places. Overlapping ones stay. */
+static void move_boxes(const struct geometry *geometry, struct random *random, struct random_meaning *meaning)
+{
+    const uint64_t stride = geometry->aabbs.stride;
+    unsigned char *bytes = (unsigned char *)(uintptr_t)geometry->aabbs.boxes.data + geometry->range.primitive_offset;
+    for (uint32_t i = 0; i < meaning->count && stride >= 24; i++) {
+        const uint32_t k = random_below(random, meaning->count);
+        float swap[6];
+        if (!box_is_number(meaning->boxes[i]) || !box_is_number(meaning->boxes[k]))
+            continue;
+        memcpy(swap, meaning->boxes[i], sizeof swap);
+        memcpy(meaning->boxes[i], meaning->boxes[k], sizeof swap);
+        memcpy(meaning->boxes[k], swap, sizeof swap);
+        memcpy(bytes + stride * i, meaning->boxes[i], sizeof swap);
+        memcpy(bytes + stride * k, meaning->boxes[k], sizeof swap);
+    }
+}
+
 /* ---- Whole requests ---- */
+
+void random_input_move(void *request, struct random *random)
+{
+    struct random_input *input = request;
+    for (uint32_t i = 0; i < input->input.geometry_count; i++) {
+        if (input->plans[i])
+            move_triangles(input->plans[i], random, &input->meanings[i]);
+        else
+            move_boxes(&input->geometries[i], random, &input->meanings[i]);
+    }
+}
 
 void random_input_options(struct build_input *input, struct random *random)
 {
@@ -476,6 +549,9 @@ void random_input_finish(struct random_input *input)
     for (int i = 0; i < RANDOM_INPUT_GEOMETRIES; i++) {
         free(input->meanings[i].corners);
         free(input->meanings[i].boxes);
+        if (input->plans[i])
+            free(input->plans[i]->indices);
+        free(input->plans[i]);
     }
     memset(input, 0, sizeof *input);
 }

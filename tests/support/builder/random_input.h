@@ -22,10 +22,13 @@ struct random_meaning {
     bool moved; /* the corners were transformed, so that their last bit is uncertain */
 };
 
+struct random_plan;
+
 struct random_input {
     struct build_input input;
     struct geometry geometries[RANDOM_INPUT_GEOMETRIES];
     struct random_meaning meanings[RANDOM_INPUT_GEOMETRIES];
+    struct random_plan *plans[RANDOM_INPUT_GEOMETRIES]; /* of triangles: how they were made */
     void *buffers[RANDOM_INPUT_BUFFERS];
     uint64_t sizes[RANDOM_INPUT_BUFFERS];
     uint32_t buffer_count;
@@ -39,6 +42,13 @@ void random_input_bottom(struct random_input *ret_input, struct random *random, 
 /* Does the same, always with triangles. */
 void random_input_triangles(struct random_input *ret_input, struct random *random, uint32_t most);
 void random_input_finish(struct random_input *input);
+
+/*
+ * Moves what was made, as an update may: gives vertices the positions of others, boxes the places of others, and
+ * transforms other values. Nearly always each primitive stays active or inactive. The meanings move along. `request` is
+ * a struct random_input, whose type random_update.h does not know.
+ */
+void random_input_move(void *request, struct random *random);
 
 /* Allocates another random block that the input owns. */
 void *random_input_buffer(struct random_input *input, uint64_t size);

@@ -84,6 +84,27 @@ static void make_records(struct random_top *top, struct random *random)
     };
 }
 
+void random_top_move(void *request, struct random *random)
+{
+    struct random_top *top = request;
+    top->culling_disabled = false;
+    for (uint32_t i = 0; i < top->instance_count; i++) {
+        struct random_instance *instance = &top->instances[i];
+        if (instance->bottom >= 0) {
+            *instance = random_instance(top, random);
+            instance->bottom = (int)random_below(random, top->bottom_count);
+            random_top_record(instance, top->references[instance->bottom].handle,
+                              top->records + top->geometry.range.primitive_offset + (uint64_t)RECORD_SIZE * i);
+        }
+        top->culling_disabled |= (instance->flags & INSTANCE_CULL_DISABLE) != 0;
+    }
+    for (uint32_t i = 0; i < top->bottom_count; i++)
+        for (int g = 0; g < RANDOM_INPUT_GEOMETRIES; g++) {
+            free(top->flipped[i][g]);
+            top->flipped[i][g] = NULL;
+        }
+}
+
 void random_top_init(struct random_top *ret_top, struct random *random, uint32_t most)
 {
     memset(ret_top, 0, sizeof *ret_top);

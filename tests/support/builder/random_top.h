@@ -39,6 +39,12 @@ void random_top_init(struct random_top *ret_top, struct random *random, uint32_t
 void random_top_finish(struct random_top *top);
 
 /*
+ * Gives active instances other transforms, masks, numbers, flags and bottom levels, as an update may. The meanings of
+ * the bottom levels may have moved, too. `request` is a struct random_top.
+ */
+void random_top_move(void *request, struct random *random);
+
+/*
  * Makes top->meshes, the meaning of the request for the oracle: the triangles of all instances that the cull mask
  * selects. The winding is reversed for instances that flip their facing.
  */

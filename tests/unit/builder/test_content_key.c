@@ -143,6 +143,34 @@ static void every_option_matters(void **state)
             assert_false(key_equal(&keys[i], &keys[j]));
 }
 
+/* The definition in the header, computed by another interface of the library. */
+static void updates_are_named_by_their_source(void **state)
+{
+    struct fixture *fixture = *state;
+    const struct build_options options = {QUALITY_HIGH, TARGET_PORTABLE, PORTABLE_FAST_TRIANGLES, {{0}, {0}, 0}, 0,
+                                          BUILDER_OWN};
+    const struct canonical canonical = {.bytes = fixture->bytes, .size = 1000};
+    const struct build_context context = {.memory = &fixture->memory, .parallel = &parallel_serial};
+    unsigned char leaf[24 + 1000] = "bvhd key leaf 1", root[16 + 52 + 32] = "bvhd key update";
+    const uint32_t fields[5] = {1000, 0, REFIT_VERSION, TARGET_PORTABLE, 1};
+    const uint64_t length = 1000;
+    struct key source, key, expected, other;
+    memset(&source, 0x5a, sizeof source);
+    memcpy(leaf + 16, &length, 8);
+    memcpy(leaf + 24, fixture->bytes, 1000);
+    memcpy(root + 16, &source, 32);
+    memcpy(root + 48, fields, 20);
+    SHA256(leaf, sizeof leaf, root + 68);
+    SHA256(root, sizeof root, expected.bytes);
+    assert_int_equal(content_key_update(&canonical, &options, &source, &context, &key, NULL), BVHD_OK);
+    assert_true(key_equal(&key, &expected));
+    source.bytes[31] ^= 1;
+    assert_int_equal(content_key_update(&canonical, &options, &source, &context, &other, NULL), BVHD_OK);
+    assert_false(key_equal(&key, &other));
+    const struct build_options unknown = {.target = (enum target)9};
+    assert_int_equal(content_key_update(&canonical, &unknown, &source, &context, &key, NULL), BVHD_UNSUPPORTED);
+}
+
 /* Vulkan's flags and AUTO lead to the key of the quality that is built. */
 static void the_quality_is_the_one_that_is_built(void **state)
 {
@@ -309,6 +337,7 @@ int main(void)
         cmocka_unit_test(keys_are_as_defined),
         cmocka_unit_test(threads_do_not_matter),
         cmocka_unit_test(every_option_matters),
+        cmocka_unit_test(updates_are_named_by_their_source),
         cmocka_unit_test(the_quality_is_the_one_that_is_built),
         cmocka_unit_test(devices_matter_to_native_targets_alone),
         cmocka_unit_test(builders_are_checked),

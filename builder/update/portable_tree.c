@@ -1,0 +1,110 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "builder/update/portable_tree.h"
+
+#include "builder/build.h"
+
+/* Leaves are written in order and without gaps, and so are the records of the next node. */
+static bool records_are_in_order(const struct portable_view *view, uint32_t node, unsigned records)
+{
+    const struct portable_header *header = view->header;
+    const uint32_t first = view->nodes[node].first_record,
+                   next = node + 1 < header->node_count ? view->nodes[node + 1].first_record : header->record_count;
+    return first <= header->record_count && records <= header->record_count - first && first + records == next;
+}
+
+static bool children_are_inside(const struct portable_node *own, uint32_t node, uint32_t end, unsigned inner)
+{
+    unsigned count = (unsigned)__builtin_popcount(inner);
+    return count == 0 || (own->first_child > node && own->first_child <= end && count <= end - own->first_child);
+}
+
+bool portable_tree_read(const struct portable_view *view, uint32_t node, uint32_t end, struct portable_shape *ret)
+{
+    static const uint8_t counts[8] = {[1] = 1, [3] = 2, [7] = 3};
+    const struct portable_node *own = &view->nodes[node];
+    const unsigned inner = own->inner_mask;
+    unsigned occupied = 0, leaves = 0, records = 0;
+    for (unsigned slot = 0; slot < 8; slot++) {
+        const unsigned meta = own->meta[slot], count = inner >> slot & 1 ? 0 : counts[meta >> 5];
+        occupied |= (unsigned)(meta != 0) << slot;
+        leaves |= (unsigned)(count != 0) << slot;
+        ret->counts[slot] = (uint8_t)count;
+        records += count;
+    }
+    ret->occupied = occupied;
+    ret->inner = inner;
+    ret->records = records;
+    return occupied != 0 && occupied == (inner | leaves) && children_are_inside(own, node, end, inner) &&
+           records_are_in_order(view, node, records);
+}
+
+/* Returns where the descendants of the next sibling begin, or `end` if no sibling from `child` on has any. */
+static uint32_t descendants_from(const struct portable_view *view, uint32_t child, uint32_t siblings_end, uint32_t end)
+{
+    for (; child < siblings_end; child++)
+        if (view->nodes[child].inner_mask != 0)
+            return view->nodes[child].first_child;
+    return end;
+}
+
+/* Cuts the subtree of `node`, whose descendants are [begin, end). */
+static bool cut(const struct portable_view *view, struct subtrees *subtrees, uint32_t node, uint32_t begin,
+                uint32_t end, int level)
+{
+    const struct portable_node *own = &view->nodes[node];
+    const uint32_t count = (uint32_t)__builtin_popcount(own->inner_mask);
+    subtrees_add_top(subtrees, node);
+    if (count == 0)
+        return begin == end;
+    if (own->first_child != begin || begin > end || end - begin < count || level > PORTABLE_MAX_DEPTH)
+        return false;
+    if (end - begin <= subtrees->limit) {
+        subtrees_add_range(subtrees, begin, end);
+        return true;
+    }
+    uint32_t next = begin + count;
+    for (uint32_t child = begin; child < begin + count; child++) {
+        bool has_children = view->nodes[child].inner_mask != 0;
+        uint32_t last = has_children ? descendants_from(view, child + 1, begin + count, end) : next;
+        if (last > end || !cut(view, subtrees, child, next, last, level + 1))
+            return false;
+        next = last;
+    }
+    return next == end;
+}
+
+bool portable_tree_cut(const struct portable_view *view, struct subtrees *subtrees)
+{
+    return cut(view, subtrees, 0, 1, view->header->node_count, 1);
+}
+
+static double step_of(uint8_t exponent)
+{
+    uint64_t bits = exponent == 0 ? 0 : (uint64_t)(exponent + 1023 - 127) << 52;
+    double step;
+    memcpy(&step, &bits, sizeof step);
+    return step;
+}
+
+/* The sums over slots are of whole numbers, so that they are exact, in any order. */
+double portable_tree_node_cost(const struct portable_node *node, const struct portable_shape *shape, double leaf_cost)
+{
+    double cost = 0;
+    for (int axis = 0; axis < 3; axis++) {
+        const int other = axis == 2 ? 0 : axis + 1;
+        int32_t inner = 0, leaves = 0;
+        for (int slot = 0; slot < 8; slot++) {
+            const int32_t area =
+                (node->hi[axis][slot] - node->lo[axis][slot]) * (node->hi[other][slot] - node->lo[other][slot]);
+            inner += area * (int32_t)(shape->inner >> slot & 1);
+            leaves += area * shape->counts[slot];
+        }
+        cost += (inner + leaf_cost * leaves) * (step_of(node->exponent[axis]) * step_of(node->exponent[other]));
+    }
+    return cost;
+}
+
+double portable_tree_leaf_cost(uint32_t content)
+{
+    return content == PORTABLE_INDEXED_TRIANGLES || content == PORTABLE_TRIANGLES ? (double)BUILD_TRIANGLE_COST : 1;
+}

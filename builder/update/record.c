@@ -1,0 +1,138 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "builder/update/record_internal.h"
+
+#include "builder/format/layout.h"
+#include "builder/input/canonical_form.h"
+#include "builder/update/activity.h"
+#include "proto/base/checksum.h"
+
+/* Triangles in a task that sums indices. */
+enum { SUM_CHUNK = 16384 };
+
+uint64_t record_size(uint32_t geometries, uint32_t primitives, uint32_t inactive)
+{
+    return sizeof(struct record_header) + (uint64_t)geometries * sizeof(struct record_geometry) +
+           (inactive > 0 ? 8 * activity_words(primitives) : 0);
+}
+
+void record_view(const struct record_header *header, struct record *ret_record)
+{
+    const struct record_geometry *geometries = (const void *)(header + 1);
+    *ret_record = (struct record){
+        .bytes = {(const unsigned char *)header, header->size},
+        .header = header,
+        .geometries = geometries,
+        .active = header->inactive_count > 0 ? (const void *)(geometries + header->geometry_count) : NULL,
+    };
+}
+
+/* The rows of the canonical form have what the request said; those of other structures than updatable ones say less. */
+static struct record_geometry make_row(const struct form_geometry *row)
+{
+    return (struct record_geometry){
+        .type = row->type,
+        .flags = row->flags,
+        .primitive_count = row->primitive_count,
+        .vertex_count = row->vertex_count,
+        .indexed = row->indexed,
+        .has_transform = (row->update & FORM_UPDATE_TRANSFORM) != 0,
+        .vertex_format = row->vertex_format,
+        .max_vertex = row->max_vertex,
+        .index_type = row->index_type,
+        .lowest_index = row->lowest_index,
+    };
+}
+
+static void fill_header(const struct canonical *canonical, const struct build_options *options, uint32_t inactive,
+                        struct record_header *header)
+{
+    const struct layout *layout = layout_find(options->target);
+    *header = (struct record_header){
+        .version = RECORD_VERSION,
+        .size = record_size(canonical->geometry_count, canonical->primitive_count, inactive),
+        .type = canonical->type,
+        .flags = canonical->flags,
+        .geometry_count = canonical->geometry_count,
+        .primitive_count = canonical->primitive_count,
+        .inactive_count = inactive,
+        .target = options->target,
+        .layout_flags = options->layout_flags,
+    };
+    memcpy(header->magic, record_magic, sizeof header->magic);
+    if (layout && layout->variants > 0)
+        header->device = options->device;
+}
+
+struct sums {
+    const struct canonical *canonical;
+    struct record_geometry *rows;
+};
+
+/*
+ * Adds the checksums of a chunk of triangles to those of their geometries. The sum of a geometry does not depend on the
+ * order of its parts, and each part's checksum begins with its place.
+ */
+static void sum_chunk(void *context, size_t index)
+{
+    const struct sums *sums = context;
+    const struct canonical *canonical = sums->canonical;
+    size_t begin, end;
+    parallel_chunk(index, SUM_CHUNK, canonical->primitive_count, &begin, &end);
+    for (uint32_t g = canonical_geometry_of(canonical, (uint32_t)begin); begin < end; g++) {
+        const struct canonical_geometry *geometry = &canonical->geometries[g];
+        size_t first = begin - geometry->first_primitive, last = (size_t)end - geometry->first_primitive;
+        last = last < geometry->primitive_count ? last : geometry->primitive_count;
+        begin += last - first;
+        if (!geometry->indices || first == last)
+            continue;
+        const struct bytes part = {(const unsigned char *)(geometry->indices + 3 * first), 12 * (last - first)};
+        __atomic_fetch_add(&sums->rows[g].index_sum, checksum(part, first), __ATOMIC_RELAXED);
+    }
+}
+
+static enum bvhd_status fill(const struct canonical *canonical, const struct build_context *context,
+                             struct record_header *header)
+{
+    struct record_geometry *rows = (void *)(header + 1);
+    const struct form_geometry *form_rows = (const void *)(canonical->bytes + sizeof(struct form_header));
+    for (uint32_t g = 0; g < canonical->geometry_count; g++) {
+        if (parallel_cancelled_at(context->cancel, g))
+            return BVHD_CANCELLED;
+        rows[g] = make_row(&form_rows[g]);
+    }
+    struct sums sums = {canonical, rows};
+    size_t chunks = canonical->vertex_count > 0 ? parallel_chunks(SUM_CHUNK, canonical->primitive_count) : 0;
+    if (!parallel_for_until(context->parallel, context->cancel, chunks, sum_chunk, &sums))
+        return BVHD_CANCELLED;
+    if (header->inactive_count == 0)
+        return BVHD_OK;
+    return activity_find(canonical, context, (void *)(rows + canonical->geometry_count));
+}
+
+enum bvhd_status record_make(const struct canonical *canonical, const struct build_options *options,
+                             const struct build_context *context, struct record *ret_record, struct bvhd_error *error)
+{
+    uint32_t inactive;
+    if (activity_count(canonical, context, &inactive) != BVHD_OK)
+        return bvhd_error_set(error, BVHD_CANCELLED, "record", "cancelled");
+    uint64_t size = record_size(canonical->geometry_count, canonical->primitive_count, inactive);
+    struct record_header *header = memory_alloc(context->memory, size);
+    if (!header)
+        return bvhd_error_no_memory(error, "record", "no memory for %llu bytes", (unsigned long long)size);
+    fill_header(canonical, options, inactive, header);
+    if (fill(canonical, context, header) != BVHD_OK) {
+        memory_free(context->memory, header);
+        return bvhd_error_set(error, BVHD_CANCELLED, "record", "cancelled");
+    }
+    record_view(header, ret_record);
+    ret_record->owned = header;
+    return BVHD_OK;
+}
+
+void record_finish(struct record *record, struct memory *memory)
+{
+    if (!record)
+        return;
+    memory_free(memory, record->owned);
+    *record = (struct record){0};
+}

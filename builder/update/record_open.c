@@ -1,0 +1,113 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include <math.h>
+
+#include "builder/format/layout.h"
+#include "builder/update/activity.h"
+#include "builder/update/record_internal.h"
+#include "proto/base/place.h"
+
+static enum bvhd_status corrupt(struct bvhd_error *error, const char *where, const char *reason)
+{
+    return bvhd_error_set(error, BVHD_CORRUPT, where, "%s", reason);
+}
+
+/* Checks what the header says about the record itself. */
+static enum bvhd_status check_form(struct bytes bytes, const struct record_header *header, struct bvhd_error *error)
+{
+    if (bytes.size < sizeof *header)
+        return corrupt(error, "record", "too short");
+    if (memcmp(header->magic, record_magic, sizeof record_magic) != 0)
+        return corrupt(error, "record.magic", "this is no record of an updatable structure");
+    if (header->version != RECORD_VERSION)
+        return bvhd_error_set(error, BVHD_INCOMPATIBLE, "record.version", "version %u, known is %d", header->version,
+                              RECORD_VERSION);
+    if (header->size != bytes.size ||
+        header->size != record_size(header->geometry_count, header->primitive_count, header->inactive_count))
+        return corrupt(error, "record.size", "not what its parts take");
+    if (header->reserved[0] != 0 || header->reserved[1] != 0)
+        return corrupt(error, "record.reserved", "not zero");
+    return BVHD_OK;
+}
+
+/* Checks what the header says about the structure. */
+static enum bvhd_status check_structure(const struct record_header *header, struct bvhd_error *error)
+{
+    static const struct device_format none;
+    const struct layout *layout = layout_find((enum target)header->target);
+    if (header->type != STRUCTURE_TOP && header->type != STRUCTURE_BOTTOM)
+        return corrupt(error, "record.type", "neither a top nor a bottom level");
+    if (!(header->flags & BUILD_ALLOW_UPDATE))
+        return corrupt(error, "record.flags", "without ALLOW_UPDATE, which makes a record");
+    if (header->inactive_count > header->primitive_count)
+        return corrupt(error, "record.inactiveCount", "more than there are primitives");
+    if (!layout)
+        return corrupt(error, "record.target", "there is no such target");
+    if (header->layout_flags & ~layout->flags)
+        return corrupt(error, "record.layoutFlags", "unknown to the target");
+    if (header->device.variant > layout->variants || (header->device.variant == 0) != (layout->variants == 0))
+        return corrupt(error, "record.device", "the target has no such variant");
+    if (layout->variants == 0 && memcmp(&header->device, &none, sizeof none) != 0)
+        return corrupt(error, "record.device", "the target is that of no device");
+    if (header->quality < QUALITY_FAST || header->quality > QUALITY_HIGH)
+        return corrupt(error, "record.quality", "the record is not complete");
+    if (!(header->cost >= 0 && isfinite(header->cost)))
+        return corrupt(error, "record.cost", "no cost of a tree");
+    return BVHD_OK;
+}
+
+static bool row_is_sound(const struct record_header *header, const struct record_geometry *row)
+{
+    static const struct record_geometry none;
+    if (header->type == STRUCTURE_TOP ? row->type != GEOMETRY_INSTANCES : row->type > GEOMETRY_AABBS)
+        return false;
+    if (row->type != GEOMETRY_TRIANGLES)
+        return memcmp(&row->vertex_count, &none.vertex_count,
+                      sizeof *row - offsetof(struct record_geometry, vertex_count)) == 0;
+    return row->indexed <= 1 && row->has_transform <= 1 && (row->indexed || row->index_sum == 0);
+}
+
+static enum bvhd_status check_rows(const struct record *record, struct bvhd_error *error)
+{
+    const struct record_header *header = record->header;
+    uint64_t primitives = 0;
+    for (uint32_t g = 0; g < header->geometry_count; g++) {
+        if (!row_is_sound(header, &record->geometries[g]))
+            return corrupt(error, place("record.geometries[%u]", g).text, "no geometry of such a structure");
+        primitives += record->geometries[g].primitive_count;
+    }
+    if (primitives != header->primitive_count)
+        return corrupt(error, "record.primitiveCount", "not the sum over the geometries");
+    return BVHD_OK;
+}
+
+static enum bvhd_status check_activity(const struct record *record, struct bvhd_error *error)
+{
+    const uint32_t primitives = record->header->primitive_count, rest = primitives % 64;
+    const uint64_t words = record->active ? activity_words(primitives) : 0;
+    uint64_t active = record->active ? 0 : primitives;
+    for (uint64_t i = 0; i < words; i++)
+        active += (unsigned)__builtin_popcountll(record->active[i]);
+    if (words > 0 && rest > 0 && record->active[words - 1] >> rest != 0)
+        return corrupt(error, "record.active", "bits of more primitives than there are");
+    if (active != primitives - record->header->inactive_count)
+        return corrupt(error, "record.active", "not as many as the header says");
+    return BVHD_OK;
+}
+
+enum bvhd_status record_open(struct bytes bytes, struct record *ret_record, struct bvhd_error *error)
+{
+    const struct record_header *header = (const void *)bytes.data;
+    enum bvhd_status status = check_form(bytes, header, error);
+    if (status == BVHD_OK)
+        status = check_structure(header, error);
+    if (status != BVHD_OK)
+        return status;
+    struct record record;
+    record_view(header, &record);
+    status = check_rows(&record, error);
+    if (status == BVHD_OK)
+        status = check_activity(&record, error);
+    if (status == BVHD_OK)
+        *ret_record = record;
+    return status;
+}

@@ -1,0 +1,381 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "builder/format/portable_quantise.h"
+#include "builder/format/portable_records.h"
+#include "builder/format/serialized.h"
+#include "builder/input/primitive.h"
+#include "builder/update/portable_tree.h"
+#include "builder/update/refit_internal.h"
+#include "builder/update/refit_vertices.h"
+#include "proto/base/place.h"
+
+enum { RECORDS_MAX = 8 * PORTABLE_LEAF_MAX };
+
+/* The state of one refit, or of one measurement, for which only the first four are set. */
+struct portable_refit {
+    const struct build_context *context;
+    struct portable_view source;
+    struct refit_node *nodes; /* for each node of the source */
+    double leaf_cost;
+
+    const struct canonical *canonical;
+    const struct record *record; /* of `canonical` */
+    struct portable_header header;
+    uint64_t body_offset;
+    unsigned char *blob, *body;
+    struct portable_records records; /* where the new ones go */
+    const float *vertices; /* the new ones */
+    bool avx2; /* this machine has AVX2 */
+};
+
+static uint32_t content_of(const struct record *record)
+{
+    const struct record_header *header = record->header;
+    if (header->type == STRUCTURE_TOP)
+        return PORTABLE_INSTANCES;
+    if (header->geometry_count > 0 && record->geometries[0].type == GEOMETRY_AABBS)
+        return PORTABLE_AABBS;
+    return header->layout_flags & PORTABLE_FAST_TRIANGLES ? PORTABLE_TRIANGLES : PORTABLE_INDEXED_TRIANGLES;
+}
+
+static enum bvhd_status check_source(const struct portable_refit *refit, struct bvhd_error *error)
+{
+    const struct portable_header *header = refit->source.header;
+    const struct record_header *record = refit->record->header;
+    const uint32_t geometries = record->type == STRUCTURE_TOP ? 0 : record->geometry_count;
+    if (header->content != content_of(refit->record))
+        return bvhd_error_set(error, BVHD_CORRUPT, "body.content", "not that of the record");
+    if (header->primitive_count != record->primitive_count)
+        return bvhd_error_set(error, BVHD_CORRUPT, "body.primitiveCount", "not that of the record");
+    if (header->geometry_count != geometries)
+        return bvhd_error_set(error, BVHD_CORRUPT, "body.geometryCount", "not that of the record");
+    return BVHD_OK;
+}
+
+static bool id_is_sound(const struct portable_refit *refit, uint32_t id)
+{
+    return id < refit->header.primitive_count && record_is_active(refit->record, id);
+}
+
+/* Copies the records of a node: their vertices have the same rows. */
+static bool copy_indexed(const struct portable_refit *refit, uint32_t first, unsigned count)
+{
+    const struct portable_indexed_triangle *source =
+        (const struct portable_indexed_triangle *)refit->source.records + first;
+    const uint32_t vertices = refit->header.vertex_count;
+    bool sound = true;
+    for (unsigned i = 0; i < count; i++) {
+        const uint32_t *rows = source[i].vertices;
+        sound &= rows[0] < vertices && rows[1] < vertices && rows[2] < vertices &&
+                 (source[i].id & PORTABLE_ID_MASK) < refit->header.primitive_count;
+    }
+    memcpy(refit->records.records + (uint64_t)first * sizeof *source, source, count * sizeof *source);
+    return sound;
+}
+
+/* Returns the flat primitive of a record that is no indexed triangle. */
+static uint32_t primitive_of(const struct portable_refit *refit, uint32_t record)
+{
+    const void *records = refit->source.records;
+    if (refit->header.content == PORTABLE_INSTANCES)
+        return ((const struct portable_instance *)records)[record].instance;
+    return PORTABLE_ID_MASK &
+           (refit->header.content == PORTABLE_AABBS ? ((const struct portable_aabb *)records)[record].id
+                                                    : ((const struct portable_triangle *)records)[record].id);
+}
+
+static bool write_records(const struct portable_refit *refit, uint32_t first, unsigned count)
+{
+    uint32_t ids[RECORDS_MAX];
+    if (refit->header.content == PORTABLE_INDEXED_TRIANGLES)
+        return copy_indexed(refit, first, count);
+    for (unsigned i = 0; i < count; i++) {
+        ids[i] = primitive_of(refit, first + i);
+        if (!id_is_sound(refit, ids[i]))
+            return false;
+    }
+    portable_records_write(&refit->records, first, ids, count);
+    return true;
+}
+
+static struct vec4_box box_of_corners(const float *a, const float *b, const float *c)
+{
+    const vec4 p = vec4_load3(a), q = vec4_load3(b), r = vec4_load3(c);
+    return (struct vec4_box){vec4_min(r, vec4_min(q, p)), vec4_max(r, vec4_max(q, p))};
+}
+
+/* Returns the box of a record that has been written. */
+static struct vec4_box box_of_record(const struct portable_refit *refit, uint32_t record)
+{
+    const void *records = refit->records.records;
+    switch ((enum portable_content)refit->header.content) {
+    case PORTABLE_INDEXED_TRIANGLES: {
+        const uint32_t *rows = ((const struct portable_indexed_triangle *)records)[record].vertices;
+        const float *at = refit->vertices;
+        return box_of_corners(at + 3 * (uint64_t)rows[0], at + 3 * (uint64_t)rows[1], at + 3 * (uint64_t)rows[2]);
+    }
+    case PORTABLE_TRIANGLES: {
+        const struct portable_triangle *triangle = (const struct portable_triangle *)records + record;
+        return box_of_corners(triangle->v0, triangle->v1, triangle->v2);
+    }
+    case PORTABLE_AABBS: {
+        const struct portable_aabb *aabb = (const struct portable_aabb *)records + record;
+        return (struct vec4_box){vec4_load3(aabb->min), vec4_load3(aabb->max)};
+    }
+    default: {
+        const uint32_t instance = ((const struct portable_instance *)records)[record].instance;
+        const struct box box = primitive_box(refit->canonical, refit->canonical->geometries, instance);
+        return vec4_box_from(&box);
+    }
+    }
+}
+
+static struct vec4_box box_of_leaf(const struct portable_refit *refit, uint32_t first, unsigned count)
+{
+    struct vec4_box box = box_of_record(refit, first);
+    for (unsigned i = 1; i < count; i++) {
+        const struct vec4_box next = box_of_record(refit, first + i);
+        vec4_box_grow(&box, next.min, next.max);
+    }
+    return refit_box_finite(box);
+}
+
+/* Finds the boxes of a node's children, an empty slot's being that of another one, and returns the box around them. */
+static struct vec4_box gather_boxes(const struct portable_refit *refit, const struct portable_node *node,
+                                    const struct portable_shape *shape, struct refit_node leaves[8],
+                                    const struct box *ret_boxes[8])
+{
+    const struct box *const filler =
+        shape->inner ? &refit->nodes[node->first_child].box : &leaves[__builtin_ctz(shape->occupied)].box;
+    struct vec4_box all = vec4_box_empty();
+    uint32_t child = node->first_child, record = node->first_record;
+    for (unsigned slot = 0; slot < 8; slot++) {
+        const unsigned count = shape->counts[slot];
+        ret_boxes[slot] = filler;
+        if (shape->inner >> slot & 1) {
+            ret_boxes[slot] = &refit->nodes[child++].box;
+        } else if (count > 0) {
+            vec4_box_put(box_of_leaf(refit, record, count), &leaves[slot].box);
+            record += count;
+            ret_boxes[slot] = &leaves[slot].box;
+        } else {
+            continue;
+        }
+        const struct vec4_box own = vec4_box_from(ret_boxes[slot]);
+        vec4_box_grow(&all, own.min, own.max);
+    }
+    return all;
+}
+
+static double cost_of(const struct portable_refit *refit, const struct portable_node *node,
+                      const struct portable_shape *shape)
+{
+    double cost = portable_tree_node_cost(node, shape, refit->leaf_cost);
+    for (uint32_t i = 0; i < (uint32_t)__builtin_popcount(shape->inner); i++)
+        cost += refit->nodes[node->first_child + i].cost;
+    return cost;
+}
+
+static bool refit_node(void *context, uint32_t index, uint32_t end)
+{
+    const struct portable_refit *refit = context;
+    const struct portable_node *source = &refit->source.nodes[index];
+    struct portable_shape shape;
+    if (!portable_tree_read(&refit->source, index, end, &shape) ||
+        !write_records(refit, source->first_record, shape.records))
+        return false;
+    struct portable_node *node = (struct portable_node *)(void *)(refit->body + refit->header.node_offset) + index;
+    struct refit_node leaves[8];
+    const struct box *boxes[8];
+    const struct vec4_box all = gather_boxes(refit, source, &shape, leaves, boxes);
+    portable_quantise_boxes(boxes, shape.occupied, refit->avx2, node);
+    memcpy(node->meta, source->meta, sizeof node->meta);
+    node->inner_mask = source->inner_mask;
+    node->first_child = source->first_child;
+    node->first_record = source->first_record;
+    vec4_box_put(all, &refit->nodes[index].box);
+    refit->nodes[index].cost = cost_of(refit, node, &shape);
+    return true;
+}
+
+static bool measure_node(void *context, uint32_t index, uint32_t end)
+{
+    const struct portable_refit *refit = context;
+    struct portable_shape shape;
+    if (!portable_tree_read(&refit->source, index, end, &shape))
+        return false;
+    refit->nodes[index].cost = cost_of(refit, &refit->source.nodes[index], &shape);
+    return true;
+}
+
+static enum bvhd_status report_corrupt(uint32_t node, struct bvhd_error *error)
+{
+    return bvhd_error_set(error, BVHD_CORRUPT, place("nodes[%u]", node).text,
+                          "not a node of a tree in depth-first order, or its records are not those of the request");
+}
+
+static enum bvhd_status sweep_parts(struct portable_refit *refit, struct subtrees *subtrees, subtrees_visit visit,
+                                    struct bvhd_error *error)
+{
+    uint32_t corrupt = 0;
+    bool in_order = portable_tree_cut(&refit->source, subtrees);
+    if (subtrees->out_of_memory)
+        return bvhd_error_no_memory(error, "nodes", "no memory for the parts of the tree");
+    if (!in_order)
+        return bvhd_error_set(error, BVHD_CORRUPT, "nodes", "not in depth-first order");
+    enum bvhd_status status = subtrees_sweep(subtrees, refit->context, visit, refit, &corrupt);
+    if (status == BVHD_CANCELLED)
+        return bvhd_error_set(error, BVHD_CANCELLED, "blob", "cancelled");
+    return status == BVHD_OK ? BVHD_OK : report_corrupt(corrupt, error);
+}
+
+/* Visits all nodes; there is at least one. */
+static enum bvhd_status sweep(struct portable_refit *refit, subtrees_visit visit, struct bvhd_error *error)
+{
+    struct memory *memory = refit->context->memory;
+    const uint32_t count = refit->source.header->node_count;
+    struct subtrees subtrees;
+    refit->nodes = memory_array(memory, count, sizeof *refit->nodes);
+    if (!refit->nodes)
+        return bvhd_error_no_memory(error, "nodes", "no memory for the boxes of %u nodes", count);
+    subtrees_init(&subtrees, count, memory);
+    enum bvhd_status status = sweep_parts(refit, &subtrees, visit, error);
+    subtrees_finish(&subtrees);
+    return status;
+}
+
+static enum bvhd_status fill_tree(struct portable_refit *refit, struct refit_output *output, struct bvhd_error *error)
+{
+    if (refit->header.node_count == 0)
+        return BVHD_OK;
+    float *vertices = (float *)(void *)(refit->body + refit->header.vertex_offset);
+    refit->vertices = vertices;
+    enum bvhd_status status = refit_vertices(refit->canonical, &refit->source, refit->context, vertices, error);
+    if (status == BVHD_OK)
+        status = sweep(refit, refit_node, error);
+    if (status != BVHD_OK)
+        return status;
+    output->bounds = refit->nodes[0].box;
+    output->cost = refit_cost_of(refit->nodes[0].cost, &output->bounds);
+    memcpy(refit->header.bounds, output->bounds.min, sizeof output->bounds.min);
+    memcpy(refit->header.bounds + 3, output->bounds.max, sizeof output->bounds.max);
+    return BVHD_OK;
+}
+
+/* Copies what the source has between two sections, and its geometries. */
+static void copy_rest(const struct portable_refit *refit)
+{
+    const struct portable_header *header = &refit->header;
+    const unsigned char *source = (const unsigned char *)refit->source.header;
+    const uint64_t sections[][2] = {
+        {header->node_offset, (uint64_t)header->node_count * sizeof(struct portable_node)},
+        {header->record_offset,
+         (uint64_t)header->record_count * portable_record_size((enum portable_content)header->content)},
+        {header->vertex_offset, (uint64_t)header->vertex_count * 12},
+    };
+    uint64_t end = sizeof *header;
+    for (int i = 0; i < 3; i++) {
+        memcpy(refit->body + end, source + end, sections[i][0] - end);
+        end = sections[i][0] + sections[i][1];
+    }
+    memcpy(refit->body + end, source + end, header->body_size - end);
+    memcpy(refit->body, header, sizeof *header);
+}
+
+/* A top level has a handle for each row of its own table of references, whose number an update may change. */
+static void write_serialized_header(const struct portable_refit *refit)
+{
+    const uint32_t handles = refit->header.content == PORTABLE_INSTANCES ? refit->canonical->reference_count : 0;
+    struct serialized_header header = {
+        .serialized_size = refit->body_offset + refit->header.body_size,
+        .deserialized_size = refit->header.body_size,
+        .handle_count = handles,
+    };
+    memcpy(header.driver_uuid, portable_driver_uuid, sizeof header.driver_uuid);
+    memcpy(header.compatibility_uuid, portable_compatibility_uuid, sizeof header.compatibility_uuid);
+    memset(refit->blob, 0, refit->body_offset);
+    serialized_write(refit->blob, &header);
+    for (uint32_t i = 0; i < handles; i++)
+        bytes_put64(refit->blob + SERIALIZED_HANDLES + (uint64_t)8 * i, i + 1);
+}
+
+static struct layout_sizes sizes_of(const struct portable_refit *refit)
+{
+    const struct portable_header *header = &refit->header;
+    return (struct layout_sizes){
+        .total = refit->body_offset + header->body_size,
+        .header = refit->body_offset + header->node_offset,
+        .nodes = header->record_offset - header->node_offset,
+        .records = header->vertex_offset - header->record_offset,
+        .vertices = header->geometry_offset - header->vertex_offset,
+        .geometries = header->body_size - header->geometry_offset,
+    };
+}
+
+static enum bvhd_status write_blob(struct portable_refit *refit, struct refit_output *output, struct bvhd_error *error)
+{
+    const uint32_t handles = refit->header.content == PORTABLE_INSTANCES ? refit->canonical->reference_count : 0;
+    refit->body_offset = bytes_align(SERIALIZED_HANDLES + (uint64_t)8 * handles, PORTABLE_BODY_ALIGNMENT);
+    refit->blob = refit_allocate(refit->context, refit->body_offset + refit->header.body_size, error);
+    if (!refit->blob)
+        return BVHD_NO_MEMORY;
+    refit->body = refit->blob + refit->body_offset;
+    refit->records = (struct portable_records){
+        .content = (enum portable_content)refit->header.content,
+        .canonical = refit->canonical,
+        .records = refit->body + refit->header.record_offset,
+    };
+    enum bvhd_status status = fill_tree(refit, output, error);
+    memory_free(refit->context->memory, refit->nodes);
+    if (status != BVHD_OK) {
+        refit_discard(refit->context, refit->blob);
+        return status;
+    }
+    copy_rest(refit);
+    write_serialized_header(refit);
+    return BVHD_OK;
+}
+
+enum bvhd_status refit_portable(const struct refit_request *request, const struct build_context *context,
+                                struct refit_output *ret_output, struct bvhd_error *error)
+{
+    struct portable_refit refit = {
+        .context = context, .canonical = request->canonical, .record = request->record, .avx2 = portable_has_avx2()};
+    enum bvhd_status status = portable_open_sections(request->source, &refit.source, error);
+    if (status == BVHD_OK)
+        status = check_source(&refit, error);
+    if (status != BVHD_OK)
+        return status;
+    struct refit_output output = {.bounds = box_empty()};
+    refit.header = *refit.source.header;
+    refit.leaf_cost = portable_tree_leaf_cost(refit.header.content);
+    status = write_blob(&refit, &output, error);
+    if (status != BVHD_OK)
+        return status;
+    output.blob = refit.blob;
+    output.sizes = sizes_of(&refit);
+    *ret_output = output;
+    return BVHD_OK;
+}
+
+enum bvhd_status refit_portable_cost(struct bytes blob, const struct build_context *context, double *ret_cost,
+                                     struct bvhd_error *error)
+{
+    struct portable_refit refit = {.context = context};
+    enum bvhd_status status = portable_open_sections(blob, &refit.source, error);
+    if (status != BVHD_OK)
+        return status;
+    const struct portable_header *header = refit.source.header;
+    double cost = 0;
+    refit.leaf_cost = portable_tree_leaf_cost(header->content);
+    if (header->node_count > 0) {
+        status = sweep(&refit, measure_node, error);
+        struct box root;
+        memcpy(root.min, header->bounds, sizeof root.min);
+        memcpy(root.max, header->bounds + 3, sizeof root.max);
+        cost = status == BVHD_OK ? refit_cost_of(refit.nodes[0].cost, &root) : 0;
+        memory_free(context->memory, refit.nodes);
+    }
+    if (status == BVHD_OK)
+        *ret_cost = cost;
+    return status;
+}
