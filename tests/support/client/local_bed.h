@@ -6,6 +6,8 @@
 #ifndef BVHD_LOCAL_BED_H
 #define BVHD_LOCAL_BED_H
 
+#include <pthread.h>
+
 #include <bvhd/bvhd.h>
 
 #include "client/library.h"
@@ -96,6 +98,24 @@ static inline struct bvhd_batch *local_bed_submit_long(struct bvhd_client *clien
     request.build.deadline_ms = deadline_ms;
     assert_int_equal(bvhd_batch_submit(client, &request.build, &batch, NULL), BVHD_OK);
     return batch;
+}
+
+/* A thread that waits for a batch; joined by the test. */
+struct local_bed_waiting {
+    pthread_t thread;
+    struct bvhd_batch *batch;
+};
+
+static inline void *local_bed_wait(void *argument)
+{
+    bvhd_batch_wait(((struct local_bed_waiting *)argument)->batch, -1);
+    return NULL;
+}
+
+static inline void local_bed_start_waiting(struct local_bed_waiting *waiting, struct bvhd_batch *batch)
+{
+    waiting->batch = batch;
+    assert_int_equal(pthread_create(&waiting->thread, NULL, local_bed_wait, waiting), 0);
 }
 
 static inline enum bvhd_status local_bed_status(struct bvhd_batch *batch, uint32_t item)

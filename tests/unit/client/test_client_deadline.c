@@ -180,29 +180,19 @@ static void builds_here_end(void **state)
     }
 }
 
-struct waiting {
-    pthread_t thread;
-    struct bvhd_batch *batch;
-};
-
-static void *wait_for_batch(void *argument)
-{
-    bvhd_batch_wait(((struct waiting *)argument)->batch, -1);
-    return NULL;
-}
-
 /* An item that waits for the same build, and has more time, gets its result. */
 static void others_go_on(void **state)
 {
     (void)state;
     struct local_bed bed;
     struct terrain mesh;
-    struct waiting waiting[2];
+    struct local_bed_waiting waiting[2];
     local_bed_start(&bed, 0);
     terrain_init(&mesh, 30000, 5);
     for (int i = 0; i < 2; i++) {
-        waiting[i].batch = local_bed_submit_long(bed.client, &mesh, BVHD_PRIORITY_NORMAL, i == 0 ? SOON_MS : LATER_MS);
-        assert_int_equal(pthread_create(&waiting[i].thread, NULL, wait_for_batch, &waiting[i]), 0);
+        struct bvhd_batch *batch =
+            local_bed_submit_long(bed.client, &mesh, BVHD_PRIORITY_NORMAL, i == 0 ? SOON_MS : LATER_MS);
+        local_bed_start_waiting(&waiting[i], batch);
     }
     for (int i = 0; i < 2; i++)
         pthread_join(waiting[i].thread, NULL);

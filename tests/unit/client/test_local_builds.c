@@ -150,23 +150,6 @@ static void test_small_pool(void **state)
     }
 }
 
-struct waiting {
-    pthread_t thread;
-    struct bvhd_batch *batch;
-};
-
-static void *wait_for_batch(void *argument)
-{
-    bvhd_batch_wait(((struct waiting *)argument)->batch, -1);
-    return NULL;
-}
-
-static void start_waiting(struct waiting *waiting, struct bvhd_batch *batch)
-{
-    waiting->batch = batch;
-    assert_int_equal(pthread_create(&waiting->thread, NULL, wait_for_batch, waiting), 0);
-}
-
 /* Makes a mesh whose build takes much longer than the time until it is cancelled. */
 static void init_long(struct terrain *mesh)
 {
@@ -180,11 +163,11 @@ static void test_cancel(void **state)
     for (uint32_t threads = 0; threads <= 1; threads++) {
         struct local_bed bed;
         struct terrain mesh;
-        struct waiting waiting;
+        struct local_bed_waiting waiting;
         local_bed_start(&bed, threads);
         init_long(&mesh);
         struct bvhd_batch *batch = local_bed_submit_long(bed.client, &mesh, BVHD_PRIORITY_NORMAL, 0);
-        start_waiting(&waiting, batch);
+        local_bed_start_waiting(&waiting, batch);
         usleep(20000);
         bvhd_batch_cancel(batch);
         assert_int_equal(local_bed_status(batch, 0), BVHD_CANCELLED);
@@ -208,12 +191,12 @@ static void test_destroy(void **state)
     for (uint32_t threads = 0; threads <= 1; threads++) {
         struct local_bed bed;
         struct terrain mesh;
-        struct waiting waiting;
+        struct local_bed_waiting waiting;
         local_bed_start(&bed, threads);
         init_long(&mesh);
         struct bvhd_batch *batch = local_bed_submit(bed.client, bed.meshes, 1, BVHD_PRIORITY_LOW);
         struct bvhd_batch *urgent = local_bed_submit_long(bed.client, &mesh, BVHD_PRIORITY_HIGH, 0);
-        start_waiting(&waiting, batch);
+        local_bed_start_waiting(&waiting, batch);
         usleep(20000);
         bvhd_batch_destroy(urgent);
         pthread_join(waiting.thread, NULL);
@@ -235,11 +218,11 @@ static void test_joined(void **state)
     (void)state;
     struct local_bed bed;
     struct terrain mesh;
-    struct waiting waiting[2];
+    struct local_bed_waiting waiting[2];
     local_bed_start(&bed, 0);
     terrain_init(&mesh, 100000, 5);
     for (int i = 0; i < 2; i++) {
-        start_waiting(&waiting[i], local_bed_submit(bed.client, &mesh, 1, BVHD_PRIORITY_NORMAL));
+        local_bed_start_waiting(&waiting[i], local_bed_submit(bed.client, &mesh, 1, BVHD_PRIORITY_NORMAL));
         usleep(10000);
     }
     bvhd_batch_cancel(waiting[0].batch);

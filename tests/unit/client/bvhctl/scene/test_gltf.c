@@ -6,23 +6,7 @@
 
 #include "client/bvhctl/scene/import.h"
 #include "tests/support/scene/gltf_case.h"
-
-static char directory[64];
-
-static int enter_scratch(void **state)
-{
-    (void)state;
-    strcpy(directory, "/tmp/bvhd-test-gltf-XXXXXX");
-    return mkdtemp(directory) && chdir(directory) == 0 ? 0 : -1;
-}
-
-static int leave_scratch(void **state)
-{
-    (void)state;
-    char command[128];
-    snprintf(command, sizeof command, "rm -rf '%s'", directory);
-    return chdir("/") == 0 ? system(command) : -1;
-}
+#include "tests/support/scratch.h"
 
 /* A new file each time: some file systems write a file to the disk at once that replaces its bytes. */
 static void write_file(const char *path, const void *data, size_t size)
@@ -254,5 +238,5 @@ int main(void)
         cmocka_unit_test(test_cases),     cmocka_unit_test(test_truncated),  cmocka_unit_test(test_mutations),
         cmocka_unit_test(test_no_memory), cmocka_unit_test(test_deep_chain),
     };
-    return cmocka_run_group_tests_name("gltf", tests, enter_scratch, leave_scratch);
+    return cmocka_run_group_tests_name("gltf", tests, scratch_enter, scratch_remove);
 }

@@ -8,23 +8,7 @@
 #include "client/bvhctl/scene/gltf_uri.h"
 #include "client/bvhctl/scene/import.h"
 #include "tests/support/scene/gltf_case.h"
-
-static char directory[64];
-
-static int enter_scratch(void **state)
-{
-    (void)state;
-    strcpy(directory, "/tmp/bvhd-test-gltf-XXXXXX");
-    return mkdtemp(directory) && chdir(directory) == 0 ? 0 : -1;
-}
-
-static int leave_scratch(void **state)
-{
-    (void)state;
-    char command[128];
-    snprintf(command, sizeof command, "rm -rf '%s'", directory);
-    return chdir("/") == 0 ? system(command) : -1;
-}
+#include "tests/support/scratch.h"
 
 static void write_file(const char *path, const void *data, size_t size)
 {
@@ -339,5 +323,5 @@ int main(void)
         cmocka_unit_test(test_truncated_text),  cmocka_unit_test(test_draco),
         cmocka_unit_test(test_scene_of_others),
     };
-    return cmocka_run_group_tests_name("gltf_files", tests, enter_scratch, leave_scratch);
+    return cmocka_run_group_tests_name("gltf_files", tests, scratch_enter, scratch_remove);
 }

@@ -6,24 +6,14 @@
 
 #include "client/bvhctl/scene/import_compare.h"
 #include "client/bvhctl/scene/import_hash.h"
+#include "tests/support/scratch.h"
 
-static char directory[64];
 static struct memory memory;
 
 static int enter_scratch(void **state)
 {
-    (void)state;
     memory_init(&memory, UINT64_MAX);
-    strcpy(directory, "/tmp/bvhd-test-compare-XXXXXX");
-    return mkdtemp(directory) && chdir(directory) == 0 ? 0 : -1;
-}
-
-static int leave_scratch(void **state)
-{
-    (void)state;
-    char command[128];
-    snprintf(command, sizeof command, "rm -rf '%s'", directory);
-    return chdir("/") == 0 ? system(command) : -1;
+    return scratch_enter(state);
 }
 
 static void import_text(const char *path, const char *text, struct import *ret_import)
@@ -130,5 +120,5 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {cmocka_unit_test(test_agreement), cmocka_unit_test(test_disagreement),
                                        cmocka_unit_test(test_instances), cmocka_unit_test(test_hash)};
-    return cmocka_run_group_tests_name("import_compare", tests, enter_scratch, leave_scratch);
+    return cmocka_run_group_tests_name("import_compare", tests, enter_scratch, scratch_remove);
 }

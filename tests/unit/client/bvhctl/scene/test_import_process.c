@@ -17,23 +17,7 @@
 #include "client/bvhctl/scene/import.h"
 #include "client/bvhctl/scene/import_limits.h"
 #include "tests/support/random.h"
-
-static char directory[64];
-
-static int enter_scratch(void **state)
-{
-    (void)state;
-    strcpy(directory, "/tmp/bvhd-test-process-XXXXXX");
-    return mkdtemp(directory) && chdir(directory) == 0 ? 0 : -1;
-}
-
-static int leave_scratch(void **state)
-{
-    (void)state;
-    char command[128];
-    snprintf(command, sizeof command, "rm -rf '%s'", directory);
-    return chdir("/") == 0 ? system(command) : -1;
-}
+#include "tests/support/scratch.h"
 
 /* Returns how a limited process ends that spins for `milliseconds` of processor time. */
 static int spin(unsigned factor, uint64_t file_size, long milliseconds)
@@ -300,5 +284,5 @@ int main(void)
         cmocka_unit_test(test_limits_in_words),
         cmocka_unit_test(test_bones),
     };
-    return cmocka_run_group_tests_name("import_process", tests, enter_scratch, leave_scratch);
+    return cmocka_run_group_tests_name("import_process", tests, scratch_enter, scratch_remove);
 }
