@@ -108,11 +108,11 @@ static enum bvhd_status add_target(const struct deformer *deformer, const struct
 static enum bvhd_status add_targets(const struct deformer *deformer, const struct gltf_value *primitive,
                                     uint32_t vertex_count, double *positions)
 {
-    struct gltf_value targets;
-    enum bvhd_status status = gltf_array(deformer->file, primitive, "targets", &targets);
-    uint32_t count = status ? 0 : (uint32_t)cJSON_GetArraySize(targets.json), number = 0;
-    if (status || !deformer->weights)
-        return status;
+    struct gltf_value targets = gltf_member(primitive, "targets");
+    enum bvhd_status status = BVHD_OK;
+    uint32_t count = (uint32_t)cJSON_GetArraySize(targets.json), number = 0;
+    if (!deformer->weights)
+        return BVHD_OK;
     if (count != deformer->weight_count) {
         struct gltf_value place = deformer->weights_place.json ? deformer->weights_place : targets;
         return gltf_refuse(deformer->file, BVHD_INVALID, &place, "%u weights for %u morph targets",

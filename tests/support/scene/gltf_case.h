@@ -27,7 +27,7 @@ struct gltf_case {
     bool is_animated; /* it has the views 23 and following that gltf_case.c lists for animations */
     enum bvhd_status status;
     const char *text; /* of the error: a part of "where: text" */
-    uint32_t triangles, instances; /* 0: 2 and 1 */
+    uint32_t triangles, instances, bottoms; /* 0: 2, 1 and 1 */
     uint32_t skipped; /* instances */
     float low[3], high[3]; /* over all instances; equal: (0, 0, 0) to (2, 3, 0) */
     const char *kind; /* of import_counts.h: the only one that is not 0; NULL: all are */

@@ -78,7 +78,7 @@ static void check_import(const struct gltf_case *gltf_case, const struct import 
     assert_int_equal(import->triangle_count, gltf_case->triangles ? gltf_case->triangles : 2);
     assert_int_equal(import->instance_count, gltf_case->instances ? gltf_case->instances : 1);
     assert_int_equal(import->skipped_instances, gltf_case->skipped);
-    assert_int_equal(import->bottom_count, 1);
+    assert_int_equal(import->bottom_count, gltf_case->bottoms ? gltf_case->bottoms : 1);
     assert_int_equal(import->has_source, gltf_case->scene != NULL);
     check_bounds(gltf_case, import);
     check_counts(gltf_case, &import->counts);
@@ -131,8 +131,8 @@ static enum bvhd_status read_here(const char *path, const struct gltf_case *gltf
 {
     struct import import;
     struct bvhd_error error = {0};
-    const struct import_moment moment = {gltf_case->at ? strtod(gltf_case->at, NULL) : 0, NULL};
-    const struct import_wish wish = {.moment = gltf_case->at ? &moment : NULL};
+    const struct import_moment moment = {gltf_case->at ? strtod(gltf_case->at, NULL) : 0, gltf_case->animation};
+    const struct import_wish wish = {.scene = gltf_case->scene, .moment = gltf_case->at ? &moment : NULL};
     enum bvhd_status status = import_read_as(path, &wish, memory, &import, &error);
     if (!status)
         import_finish(&import);
@@ -140,6 +140,19 @@ static enum bvhd_status read_here(const char *path, const struct gltf_case *gltf
         assert_true(error.status == status && *error.where && *error.text);
     assert_int_equal(memory->live, 0);
     return status;
+}
+
+/* What a child process reads right is read right in this one, where tools see what it does. */
+static void test_cases_here(void **state)
+{
+    (void)state;
+    static uint8_t bytes[GLTF_CASE_ROOM];
+    struct memory memory;
+    memory_init(&memory, UINT64_MAX);
+    for (uint32_t i = 0; i < gltf_case_count; i++) {
+        write_file("here.glb", bytes, gltf_case_make(&gltf_cases[i], bytes));
+        assert_int_equal(read_here("here.glb", &gltf_cases[i], &memory), gltf_cases[i].status);
+    }
 }
 
 /* A GLB that is cut off anywhere is refused, also if its header says the length that it has. */
@@ -183,16 +196,10 @@ static void test_mutations(void **state)
 static void test_no_memory(void **state)
 {
     (void)state;
-    static const char *const names[] = {"plain",
-                                        "strip",
-                                        "sparse",
-                                        "meshopt vertices",
-                                        "instancing with rotations",
-                                        "no scenes",
-                                        "scene by name",
-                                        "cubic spline",
-                                        "animated weights of sparse targets",
-                                        "animated joint"};
+    static const char *const names[] = {
+        "plain",         "strip",         "sparse",       "meshopt vertices",  "instancing with rotations",
+        "no scenes",     "scene by name", "cubic spline", "weights of a node", "animated weights of sparse targets",
+        "animated joint"};
     static uint8_t bytes[GLTF_CASE_ROOM];
     for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
         const struct gltf_case *gltf_case = find_case(names[i]);
@@ -235,8 +242,8 @@ static void test_deep_chain(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_cases),     cmocka_unit_test(test_truncated),  cmocka_unit_test(test_mutations),
-        cmocka_unit_test(test_no_memory), cmocka_unit_test(test_deep_chain),
+        cmocka_unit_test(test_cases),     cmocka_unit_test(test_cases_here), cmocka_unit_test(test_truncated),
+        cmocka_unit_test(test_mutations), cmocka_unit_test(test_no_memory),  cmocka_unit_test(test_deep_chain),
     };
     return cmocka_run_group_tests_name("gltf", tests, scratch_enter, scratch_remove);
 }
