@@ -196,10 +196,18 @@ static void test_mutations(void **state)
 static void test_no_memory(void **state)
 {
     (void)state;
-    static const char *const names[] = {
-        "plain",         "strip",         "sparse",       "meshopt vertices",  "instancing with rotations",
-        "no scenes",     "scene by name", "cubic spline", "weights of a node", "animated weights of sparse targets",
-        "animated joint"};
+    static const char *const names[] = {"plain",
+                                        "strip",
+                                        "sparse",
+                                        "meshopt vertices",
+                                        "instancing with rotations",
+                                        "no scenes",
+                                        "scene by name",
+                                        "cubic spline",
+                                        "node with a name",
+                                        "weights of a node",
+                                        "animated weights of sparse targets",
+                                        "animated joint"};
     static uint8_t bytes[GLTF_CASE_ROOM];
     for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
         const struct gltf_case *gltf_case = find_case(names[i]);
