@@ -7,7 +7,7 @@
 #include "proto/base/container_of.h"
 #include "proto/wire/control.h"
 
-enum { READY_IDLE_MS = 5000 };
+enum { READY_IDLE_MS = 500 };
 
 struct disk {
     struct store *store;
