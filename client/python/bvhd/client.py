@@ -410,7 +410,7 @@ class Client:
             check(lib.bvhd_client_cache(client, action, size, wait, pointer, error), error)
         with Handle(pointer, lib.bvhd_cache_state_destroy) as state:
             row = c.cast(state, c.POINTER(s.CacheState)).contents
-            values = {name: getattr(row, name) for name, _ in row._fields_}
+            values = {field[0]: getattr(row, field[0]) for field in row._fields_}
         return {**values, "directory": os.fsdecode(values["directory"])}
 
     def fileno(self) -> int:
