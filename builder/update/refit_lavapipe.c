@@ -23,10 +23,12 @@ struct lavapipe_refit {
     uint32_t box_count; /* of the tree */
 };
 
+/* Boxes that are stored a bit larger than the largest float are infinite. */
 static double area_of(const struct lavapipe_box *box, int child)
 {
     struct box bounds;
     memcpy(&bounds, &box->bounds[child], sizeof bounds);
+    bounds = vec4_box_get(refit_box_finite(vec4_box_from(&bounds)));
     return box_half_area(&bounds);
 }
 
