@@ -3,6 +3,10 @@
 
 #include "builder/build.h"
 
+#if defined(__SSE2__) && !defined(BVHD_SCALAR)
+#include <emmintrin.h>
+#endif
+
 /* Leaves are written in order and without gaps, and so are the records of the next node. */
 static bool records_are_in_order(const struct portable_view *view, uint32_t node, unsigned records)
 {
@@ -86,20 +90,65 @@ static double step_of(uint8_t exponent)
     return step;
 }
 
-/* The sums over slots are of whole numbers, so that they are exact, in any order. */
+/* The sums over all slots of the areas of two sides, in steps: of inner children, and of each record in leaves. */
+struct side_sums {
+    int32_t inner, leaves;
+};
+
+/* The sums are of whole numbers, so that they are exact, in any order. Both versions give the same. */
+#if defined(__SSE2__) && !defined(BVHD_SCALAR)
+
+static inline __m128i lengths_of(const struct portable_node *node, int axis)
+{
+    const __m128i zero = _mm_setzero_si128();
+    const __m128i lo = _mm_loadl_epi64((const __m128i *)(const void *)node->lo[axis]),
+                  hi = _mm_loadl_epi64((const __m128i *)(const void *)node->hi[axis]);
+    return _mm_sub_epi16(_mm_unpacklo_epi8(hi, zero), _mm_unpacklo_epi8(lo, zero));
+}
+
+static inline int32_t sum_of(__m128i four)
+{
+    four = _mm_add_epi32(four, _mm_shuffle_epi32(four, _MM_SHUFFLE(1, 0, 3, 2)));
+    return _mm_cvtsi128_si32(_mm_add_epi32(four, _mm_shuffle_epi32(four, _MM_SHUFFLE(2, 3, 0, 1))));
+}
+
+static inline struct side_sums sum_sides(const struct portable_node *node, const struct portable_shape *shape, int axis,
+                                         int other)
+{
+    const __m128i bits = _mm_setr_epi16(1, 2, 4, 8, 16, 32, 64, 128);
+    const __m128i is_inner = _mm_cmpeq_epi16(_mm_and_si128(_mm_set1_epi16((short)shape->inner), bits), bits);
+    const __m128i counts =
+        _mm_unpacklo_epi8(_mm_loadl_epi64((const __m128i *)(const void *)shape->counts), _mm_setzero_si128());
+    const __m128i first = lengths_of(node, axis), second = lengths_of(node, other);
+    return (struct side_sums){sum_of(_mm_madd_epi16(_mm_and_si128(first, is_inner), second)),
+                              sum_of(_mm_madd_epi16(_mm_mullo_epi16(first, counts), second))};
+}
+
+#else
+
+static inline struct side_sums sum_sides(const struct portable_node *node, const struct portable_shape *shape, int axis,
+                                         int other)
+{
+    struct side_sums sums = {0, 0};
+    for (int slot = 0; slot < 8; slot++) {
+        const int32_t area =
+            (node->hi[axis][slot] - node->lo[axis][slot]) * (node->hi[other][slot] - node->lo[other][slot]);
+        sums.inner += area * (int32_t)(shape->inner >> slot & 1);
+        sums.leaves += area * shape->counts[slot];
+    }
+    return sums;
+}
+
+#endif
+
 double portable_tree_node_cost(const struct portable_node *node, const struct portable_shape *shape, double leaf_cost)
 {
     double cost = 0;
     for (int axis = 0; axis < 3; axis++) {
         const int other = axis == 2 ? 0 : axis + 1;
-        int32_t inner = 0, leaves = 0;
-        for (int slot = 0; slot < 8; slot++) {
-            const int32_t area =
-                (node->hi[axis][slot] - node->lo[axis][slot]) * (node->hi[other][slot] - node->lo[other][slot]);
-            inner += area * (int32_t)(shape->inner >> slot & 1);
-            leaves += area * shape->counts[slot];
-        }
-        cost += (inner + leaf_cost * leaves) * (step_of(node->exponent[axis]) * step_of(node->exponent[other]));
+        const struct side_sums sums = sum_sides(node, shape, axis, other);
+        cost +=
+            (sums.inner + leaf_cost * sums.leaves) * (step_of(node->exponent[axis]) * step_of(node->exponent[other]));
     }
     return cost;
 }

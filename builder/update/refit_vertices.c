@@ -1,90 +1,102 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "builder/update/refit_vertices.h"
 
+#include "builder/format/portable_records.h"
 #include "proto/base/prefix.h"
 
-enum { COPY_CHUNK = 8192, NAME_CHUNK = 8192 };
-
-#define NO_VERTEX UINT32_MAX
+enum { COPY_CHUNK = 8192, MARK_CHUNK = 8192 };
 
 struct vertices {
     const struct canonical *canonical;
-    const struct portable_view *source;
+    const struct record *record;
     float *positions; /* of the result */
-    uint32_t *names; /* the vertex of the canonical copy in each row; NULL: row i is vertex i */
-    atomic_bool is_corrupt;
+    uint8_t *used; /* for each vertex: 1 if an active triangle uses it; NULL: all are kept */
+    uint32_t *first_kept; /* for each chunk of vertices: how many are kept before it */
 };
 
-/* Returns the last geometry that starts at or before a vertex; it is never one without vertices. */
-static const struct canonical_geometry *geometry_of(const struct canonical *canonical, uint64_t vertex)
+/* Copies the kept ones among vertices [begin, end) of one geometry. Returns where the next position goes. */
+static float *copy_run(const struct vertices *vertices, const struct canonical_geometry *geometry, size_t begin,
+                       size_t end, float *to)
 {
-    return &canonical->geometries[prefix_find(&canonical->geometries[0].first_vertex, sizeof canonical->geometries[0],
-                                              canonical->geometry_count, vertex)];
+    const float *from = geometry->positions + 3 * (begin - geometry->first_vertex);
+    if (!vertices->used) {
+        memcpy(to, from, 12 * (end - begin));
+        return to + 3 * (end - begin);
+    }
+    for (size_t i = begin; i < end; i++, from += 3)
+        if (vertices->used[i]) {
+            memcpy(to, from, 12);
+            to += 3;
+        }
+    return to;
 }
 
-static void copy_all(void *context, size_t index)
+static void copy_chunk(void *context, size_t index)
 {
     const struct vertices *vertices = context;
+    const struct canonical *canonical = vertices->canonical;
     size_t begin, end;
-    parallel_chunk(index, COPY_CHUNK, vertices->source->header->vertex_count, &begin, &end);
-    const struct canonical_geometry *geometry = geometry_of(vertices->canonical, begin);
+    parallel_chunk(index, COPY_CHUNK, canonical->vertex_count, &begin, &end);
+    float *to = vertices->positions + 3 * (vertices->used ? vertices->first_kept[index] : begin);
+    const struct canonical_geometry *geometry =
+        canonical->geometries + prefix_find(&canonical->geometries[0].first_vertex, sizeof canonical->geometries[0],
+                                            canonical->geometry_count, begin);
     for (; begin < end; geometry++) {
         size_t limit = (size_t)geometry->first_vertex + geometry->vertex_count;
         limit = limit < end ? limit : end;
         if (begin < limit)
-            memcpy(vertices->positions + 3 * begin, geometry->positions + 3 * (begin - geometry->first_vertex),
-                   12 * (limit - begin));
+            to = copy_run(vertices, geometry, begin, limit, to);
         begin = limit;
     }
 }
 
-static void copy_named(void *context, size_t index)
+static void mark_chunk(void *context, size_t index)
 {
     const struct vertices *vertices = context;
-    const struct canonical *canonical = vertices->canonical;
-    const struct canonical_geometry *geometry = canonical->geometries;
-    size_t row, end;
-    for (parallel_chunk(index, COPY_CHUNK, vertices->source->header->vertex_count, &row, &end); row < end; row++) {
-        const uint32_t vertex = vertices->names[row];
-        if (vertex == NO_VERTEX) {
-            memset(vertices->positions + 3 * row, 0, 12);
-            continue;
-        }
-        if (vertex - geometry->first_vertex >= geometry->vertex_count)
-            geometry = geometry_of(canonical, vertex);
-        memcpy(vertices->positions + 3 * row, geometry->positions + (size_t)3 * (vertex - geometry->first_vertex), 12);
+    uint32_t active[MARK_CHUNK], count = 0;
+    size_t begin, end;
+    parallel_chunk(index, MARK_CHUNK, vertices->canonical->primitive_count, &begin, &end);
+    if (!vertices->record->active) {
+        portable_records_mark_range(vertices->canonical, (uint32_t)begin, (uint32_t)(end - begin), vertices->used);
+        return;
     }
+    for (size_t id = begin; id < end; id++) {
+        active[count] = (uint32_t)id;
+        count += record_is_active(vertices->record, (uint32_t)id);
+    }
+    portable_records_mark(vertices->canonical, active, count, vertices->used);
 }
 
-/* Returns corner `k` of a triangle in the numbering over all geometries. */
-static uint32_t vertex_of(const struct canonical_geometry *geometry, uint32_t triangle, unsigned k)
+static void count_chunk(void *context, size_t index)
 {
-    const size_t corner = (size_t)3 * triangle + k;
-    return geometry->first_vertex + (geometry->indices ? geometry->indices[corner] : (uint32_t)corner);
-}
-
-/* Several records name the same row; they store the same vertex there. */
-static void find_names(void *context, size_t index)
-{
-    struct vertices *vertices = context;
-    const struct canonical *canonical = vertices->canonical;
-    const struct portable_header *header = vertices->source->header;
-    const struct portable_indexed_triangle *records = vertices->source->records;
-    const struct canonical_geometry *geometry = canonical->geometries;
+    const struct vertices *vertices = context;
     size_t i, end;
-    for (parallel_chunk(index, NAME_CHUNK, header->record_count, &i, &end); i < end; i++) {
-        const uint32_t id = records[i].id & PORTABLE_ID_MASK, *rows = records[i].vertices;
-        if (id >= canonical->primitive_count || rows[0] >= header->vertex_count || rows[1] >= header->vertex_count ||
-            rows[2] >= header->vertex_count) {
-            atomic_store_explicit(&vertices->is_corrupt, true, memory_order_relaxed);
-            continue;
-        }
-        if (id - geometry->first_primitive >= geometry->primitive_count)
-            geometry = &canonical->geometries[canonical_geometry_of(canonical, id)];
-        for (unsigned k = 0; k < 3; k++)
-            __atomic_store_n(&vertices->names[rows[k]], vertex_of(geometry, id - geometry->first_primitive, k),
-                             __ATOMIC_RELAXED);
+    uint32_t kept = 0;
+    for (parallel_chunk(index, COPY_CHUNK, vertices->canonical->vertex_count, &i, &end); i < end; i++)
+        kept += vertices->used[i];
+    vertices->first_kept[index] = kept;
+}
+
+/* Replaces the counts of the chunks by their sums; returns the last one. */
+static uint32_t sum_counts(uint32_t *counts, size_t chunks)
+{
+    uint32_t sum = 0;
+    for (size_t i = 0; i < chunks; i++) {
+        const uint32_t count = counts[i];
+        counts[i] = sum;
+        sum += count;
     }
+    return sum;
+}
+
+static enum bvhd_status report_cancelled(struct bvhd_error *error)
+{
+    return bvhd_error_set(error, BVHD_CANCELLED, "blob", "cancelled");
+}
+
+static enum bvhd_status report_corrupt(struct bvhd_error *error)
+{
+    return bvhd_error_set(error, BVHD_CORRUPT, "body.vertexCount", "not as many as active triangles use");
 }
 
 static bool run(struct vertices *vertices, const struct build_context *context, size_t chunk, size_t total,
@@ -93,35 +105,44 @@ static bool run(struct vertices *vertices, const struct build_context *context, 
     return parallel_for_until(context->parallel, context->cancel, parallel_chunks(chunk, total), task, vertices);
 }
 
-static enum bvhd_status copy_kept(struct vertices *vertices, const struct build_context *context,
+static enum bvhd_status copy_used(struct vertices *vertices, const struct build_context *context, uint32_t count,
                                   struct bvhd_error *error)
 {
-    const struct portable_header *header = vertices->source->header;
-    vertices->names = memory_array(context->memory, header->vertex_count, sizeof *vertices->names);
-    if (!vertices->names)
-        return bvhd_error_no_memory(error, "vertices", "no memory for the names of %u", header->vertex_count);
-    memset(vertices->names, 0xff, (size_t)header->vertex_count * sizeof *vertices->names);
-    bool finished = run(vertices, context, NAME_CHUNK, header->record_count, find_names) &&
-                    run(vertices, context, COPY_CHUNK, header->vertex_count, copy_named);
-    memory_free(context->memory, vertices->names);
-    if (!finished)
-        return bvhd_error_set(error, BVHD_CANCELLED, "blob", "cancelled");
-    return atomic_load_explicit(&vertices->is_corrupt, memory_order_relaxed)
-               ? bvhd_error_set(error, BVHD_CORRUPT, "records", "an id or a vertex is out of range")
-               : BVHD_OK;
+    const uint32_t all = vertices->canonical->vertex_count;
+    memset(vertices->used, 0, all);
+    if (!run(vertices, context, MARK_CHUNK, vertices->canonical->primitive_count, mark_chunk) ||
+        !run(vertices, context, COPY_CHUNK, all, count_chunk))
+        return report_cancelled(error);
+    if (sum_counts(vertices->first_kept, parallel_chunks(COPY_CHUNK, all)) != count)
+        return report_corrupt(error);
+    return run(vertices, context, COPY_CHUNK, all, copy_chunk) ? BVHD_OK : report_cancelled(error);
 }
 
-enum bvhd_status refit_vertices(const struct canonical *canonical, const struct portable_view *source,
-                                const struct build_context *context, float *vertices, struct bvhd_error *error)
+static enum bvhd_status copy_kept(struct vertices *vertices, const struct build_context *context, uint32_t count,
+                                  struct bvhd_error *error)
 {
-    struct vertices all = {.canonical = canonical, .source = source, .positions = vertices};
-    const uint32_t count = source->header->vertex_count;
+    const uint32_t all = vertices->canonical->vertex_count;
+    vertices->used = memory_alloc(context->memory, all);
+    vertices->first_kept =
+        memory_array(context->memory, parallel_chunks(COPY_CHUNK, all), sizeof *vertices->first_kept);
+    enum bvhd_status status = vertices->used && vertices->first_kept
+                                  ? copy_used(vertices, context, count, error)
+                                  : bvhd_error_no_memory(error, "vertices", "no memory for a table of %u", all);
+    memory_free(context->memory, vertices->used);
+    memory_free(context->memory, vertices->first_kept);
+    return status;
+}
+
+enum bvhd_status refit_vertices(const struct canonical *canonical, const struct record *record,
+                                const struct build_context *context, float *vertices, uint32_t count,
+                                struct bvhd_error *error)
+{
+    struct vertices all = {.canonical = canonical, .record = record, .positions = vertices};
     if (count == 0)
         return BVHD_OK;
     if (count > canonical->vertex_count)
-        return bvhd_error_set(error, BVHD_CORRUPT, "body.vertexCount", "more vertices than the geometry has");
+        return report_corrupt(error);
     if (count < canonical->vertex_count)
-        return copy_kept(&all, context, error);
-    return run(&all, context, COPY_CHUNK, count, copy_all) ? BVHD_OK
-                                                           : bvhd_error_set(error, BVHD_CANCELLED, "blob", "cancelled");
+        return copy_kept(&all, context, count, error);
+    return run(&all, context, COPY_CHUNK, count, copy_chunk) ? BVHD_OK : report_cancelled(error);
 }

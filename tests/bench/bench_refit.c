@@ -37,6 +37,7 @@ struct bench {
 struct warm_output {
     struct build_output output;
     unsigned char *bytes;
+    uint64_t room;
 };
 
 /* The last structure and its record. */
@@ -76,11 +77,13 @@ static void must(enum bvhd_status status, const struct bvhd_error *error)
 static unsigned char *give(struct build_output *output, uint64_t size)
 {
     struct warm_output *warm = (struct warm_output *)output;
-    if (!warm->bytes) {
-        warm->bytes = aligned_alloc(64, (size + 4095) / 64 * 64);
+    if (size > warm->room) {
+        free(warm->bytes);
+        warm->room = (size + size / 8 + 64) / 64 * 64;
+        warm->bytes = aligned_alloc(64, warm->room);
         if (!warm->bytes)
             exit(1);
-        memset(warm->bytes, 1, size);
+        memset(warm->bytes, 1, warm->room);
     }
     return warm->bytes;
 }
