@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * avx2_walk.h - one ray through one structure of triangles with AVX2: its data, and the walks from a node on. Internal:
- * traverse_avx2.c begins them at the root, and packet_avx2.c where few rays of a packet are left.
+ * traverse_avx2.c begins them at the root, turns_avx2.c, too, for some rays at a time, and packet_avx2.c where few rays
+ * of a packet are left.
  */
 #ifndef BVHD_AVX2_WALK_H
 #define BVHD_AVX2_WALK_H
@@ -67,6 +68,42 @@ BOXTEST_AVX2_INLINE bool avx2_walk_init_object(struct avx2_walk *walk, struct tr
         walk->scales = unpacked_scales(&walk->boxes);
     return true;
 }
+
+/* How far a walk has come, for rays that take turns. */
+struct avx2_cursor {
+    union {
+        struct {
+            uint32_t child; /* the next one */
+            uint64_t *top, stack[AVX2_STACK_SIZE]; /* the children after it, with their distances */
+        } closest;
+        struct {
+            const struct unpacked_node *node; /* the last one, and the slots of its leaves that the ray meets next */
+            unsigned leaves;
+            uint32_t *top, stack[AVX2_STACK_SIZE]; /* the nodes after it */
+        } any;
+    };
+};
+
+/* Puts the cursor at the root. */
+static inline void avx2_cursor_begin(struct avx2_cursor *cursor, bool is_any)
+{
+    if (is_any) {
+        cursor->any.node = NULL;
+        cursor->any.leaves = 0;
+        cursor->any.top = cursor->any.stack;
+        *cursor->any.top++ = 0;
+    } else {
+        cursor->closest.child = CHILD_ROOT;
+        cursor->closest.top = cursor->closest.stack;
+    }
+}
+
+/*
+ * Go on through an unpacked structure until the next child may have to come from memory, which they begin to fetch.
+ * They return false when the walk is finished.
+ */
+bool avx2_walk_on_closest(struct avx2_walk *walk, struct avx2_cursor *cursor);
+bool avx2_walk_on_any(struct avx2_walk *walk, struct avx2_cursor *cursor);
 
 /* Walk an unpacked structure from a child on. */
 void avx2_walk_closest(struct avx2_walk *walk, uint32_t child);

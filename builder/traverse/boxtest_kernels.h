@@ -71,7 +71,6 @@ BOXTEST_INLINE float lesser(float a, float b)
 }
 
 /* Implements boxtest_float(). */
-/* Implements boxtest_float(). */
 BOXTEST_INLINE unsigned kernel_float(const struct boxtest_ray *ray, const struct portable_node *node, float tmax,
                                      float ret_near[8])
 {
@@ -109,7 +108,6 @@ BOXTEST_INLINE bool is_beside(double offset, double lo, double hi, double moved)
     return offset + lo <= slack && offset + hi >= -slack;
 }
 
-/* Implements boxtest_double(). */
 /* Implements boxtest_double(). */
 BOXTEST_INLINE unsigned kernel_double(const struct boxtest_exact *ray, const struct portable_node *node, double tmax,
                                       double ret_near[8])

@@ -11,6 +11,9 @@
 
 #ifdef BOXTEST_AVX2
 
+/* The size of triangle records, in units of 16 bytes. */
+enum { INDEXED_ROWS = 1, STORED_ROWS = 3 };
+
 BOXTEST_AVX2_INLINE __m256i load_bytes(const uint8_t from[8])
 {
     return _mm256_cvtepu8_epi32(_mm_loadl_epi64((const __m128i *)(const void *)from));
@@ -300,10 +303,22 @@ BOXTEST_AVX2_INLINE bool open_unpacked(const struct avx2_walk *walk, uint32_t in
     return hits != 0;
 }
 
+/* Takes the next child that is near enough from the stack. Returns false if there is none. */
+BOXTEST_AVX2_INLINE bool pop_child(const struct avx2_walk *walk, const uint64_t *stack, uint64_t **top,
+                                   uint32_t *ret_child)
+{
+    while (*top > stack)
+        if (near_of(*--*top) <= walk->state->tmax_above) {
+            *ret_child = (uint32_t) * *top;
+            return true;
+        }
+    return false;
+}
+
 BOXTEST_AVX2_INLINE void find_closest_in(struct avx2_walk *walk, uint32_t child, bool is_unpacked)
 {
     const bool is_indexed = !is_unpacked && walk->view->header->content == PORTABLE_INDEXED_TRIANGLES;
-    const uintptr_t record_rows = is_indexed ? 1 : 3; /* in units of 16 bytes */
+    const uintptr_t record_rows = is_indexed ? INDEXED_ROWS : STORED_ROWS;
     uint64_t stack[AVX2_STACK_SIZE], *top = stack, visited = 0;
     for (;;) {
         uint32_t kind = child >> CHILD_KIND_SHIFT, index = child & CHILD_INDEX_MASK;
@@ -315,14 +330,9 @@ BOXTEST_AVX2_INLINE void find_closest_in(struct avx2_walk *walk, uint32_t child,
         } else if (!meet(walk, index, (2u << kind) - 1, is_indexed)) {
             break;
         }
-        do {
-            if (top == stack)
-                goto end;
-            top--;
-        } while (!(near_of(*top) <= walk->state->tmax_above));
-        child = (uint32_t)*top;
+        if (!pop_child(walk, stack, &top, &child))
+            break;
     }
-end:
     walk->state->counters.nodes += visited;
 }
 
@@ -334,6 +344,52 @@ BOXTEST_AVX2 static void find_closest(struct avx2_walk *walk)
 BOXTEST_AVX2 void avx2_walk_closest(struct avx2_walk *walk, uint32_t child)
 {
     find_closest_in(walk, child, true);
+}
+
+BOXTEST_AVX2 bool avx2_walk_on_closest(struct avx2_walk *walk, struct avx2_cursor *cursor)
+{
+    uint64_t *top = cursor->closest.top;
+    uint32_t child = cursor->closest.child;
+    for (;;) {
+        const uint32_t kind = child >> CHILD_KIND_SHIFT, index = child & CHILD_INDEX_MASK;
+        if (kind == CHILD_NODE) {
+            walk->state->counters.nodes++;
+            if (open_unpacked(walk, index, STORED_ROWS, &top, &child))
+                break;
+        } else if (!meet(walk, index, (2u << kind) - 1, false)) {
+            return false;
+        }
+        if (!pop_child(walk, cursor->closest.stack, &top, &child))
+            return false;
+    }
+    prefetch_child(walk, STORED_ROWS, child);
+    cursor->closest.top = top;
+    cursor->closest.child = child;
+    return true;
+}
+
+BOXTEST_AVX2 bool avx2_walk_on_any(struct avx2_walk *walk, struct avx2_cursor *cursor)
+{
+    const struct unpacked_node *node = cursor->any.node;
+    uint32_t *top = cursor->any.top;
+    unsigned hits;
+    float near[8];
+    if (cursor->any.leaves != 0 && !meet_unpacked_leaves(walk, node, cursor->any.leaves))
+        return false;
+    do {
+        if (top == cursor->any.stack)
+            return false;
+        node = &walk->unpacked[*--top];
+        hits = test_unpacked(walk, node, near);
+        walk->state->counters.nodes++;
+    } while (hits == 0);
+    const unsigned inner = hits & inner_slots(node), leaves = hits & ~inner;
+    for (unsigned rest = leaves; rest != 0; rest &= rest - 1)
+        prefetch_child(walk, STORED_ROWS, node->children[__builtin_ctz(rest)]);
+    cursor->any.top = inner ? push_unpacked_inner(walk->unpacked, node, inner, walk->boxes.backward, top) : top;
+    cursor->any.leaves = leaves;
+    cursor->any.node = node;
+    return true;
 }
 
 BOXTEST_AVX2_INLINE void find(struct avx2_walk *walk)

@@ -16,7 +16,7 @@ struct traverse_stream {
     const struct traverse_options *options; /* may be NULL */
     struct traverse_counters *counters; /* may be NULL */
     /* These are all 0 at first. */
-    uint32_t alone; /* the number of next rays that are best traced one by one, because packets did not pay */
+    uint32_t alone; /* the number of next groups whose rays are best traced alone, because packets did not pay */
     uint32_t groups; /* since the last decision; then the nodes that their rays visited in packets, and after these */
     uint64_t visits_together, visits_alone;
 };
@@ -37,5 +37,13 @@ uint64_t traverse_group(struct traverse_stream *stream, const struct ray *rays, 
  */
 uint32_t packet_avx2_trace(struct traverse_walk *states, const struct ray *const rays[8], uint32_t lanes,
                            const struct scene *scene, struct traverse_counters *counters);
+
+/*
+ * Traces rays alone, but some at a time in turns (turns_avx2.c): those of `which`, all plain, in a scene of one
+ * unpacked structure of triangles. Returns the rays done, of which ret_hits is filled and the bit of *is_hit set where
+ * they hit.
+ */
+uint64_t turns_avx2_trace(const struct traverse_stream *stream, const struct ray *rays, uint64_t which,
+                          struct ray_hit *ret_hits, uint64_t *is_hit);
 
 #endif

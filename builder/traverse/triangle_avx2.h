@@ -18,7 +18,6 @@ struct triangle_avx2_ray {
     __m128i order; /* the axis of each component */
 };
 
-/* Copies each number of a triangle_ray to all lanes. */
 /* Copies each number of a prepared ray to all lanes. */
 BOXTEST_AVX2_INLINE void triangle_avx2_spread(const struct triangle_ray *ray, struct triangle_avx2_ray *ret_ray)
 {
@@ -88,7 +87,6 @@ BOXTEST_AVX2_INLINE double triangle_avx2_sum(__m256d lanes)
     return _mm_cvtsd_f64(_mm_add_sd(_mm_add_sd(low, _mm_unpackhi_pd(low, low)), high));
 }
 
-/* Implements triangle_intersect(). `wide` and `ray` are the same ray. */
 /*
  * Works like triangle_intersect(). `wide` and `ray` are the same ray in two forms; `ray` is for triangles that have to
  * be decided exactly.

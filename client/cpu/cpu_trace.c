@@ -307,11 +307,8 @@ __attribute__((noinline)) static uint64_t trace_all(const struct bvhd_cpu_scene 
     struct traverse_stream stream = {.scene = &scene->walk.portable, .options = &options, .counters = counters};
     const bool are_many = trace->ray_count > 1 && scene->target == &cpu_portable && traverse_groups_pay(&stream);
     bool is_sound = true;
-    while (is_sound && tracing.index < trace->ray_count) {
-        const bool is_together = are_many && stream.alone == 0;
-        is_sound = is_together ? trace_some(&tracing, &stream) : trace_one(scene, &tracing, &options, counters);
-        stream.alone -= stream.alone > 0;
-    }
+    while (is_sound && tracing.index < trace->ray_count)
+        is_sound = are_many ? trace_some(&tracing, &stream) : trace_one(scene, &tracing, &options, counters);
     return tracing.index;
 }
 

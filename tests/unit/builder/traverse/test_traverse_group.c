@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * test_traverse_group.c - tests that rays through unpacked nodes, in groups and one by one, have the answers of single
- * rays through the portable nodes, to the last bit; and that unpacked boxes hold their triangles.
+ * test_traverse_group.c - tests that rays through unpacked nodes, in groups, in turns and one by one, have the answers
+ * of single rays through the portable nodes, to the last bit; and that unpacked boxes hold their triangles.
  */
 #include "tests/support/unit.h"
 
@@ -215,6 +215,23 @@ static void make_rays(const struct bed *bed, uint32_t flags, struct ray ret_rays
     }
 }
 
+/* Traces those of the rays in turns for which it is possible. Returns them, and tells which of them hit. */
+static uint64_t trace_in_turns(const struct traverse_stream *stream, const struct ray *rays, uint32_t count,
+                               struct ray_hit *ret_hits, uint64_t *ret_is_hit)
+{
+    uint64_t plain = 0;
+    *ret_is_hit = 0;
+    if (stream->scene->top || !traverse_groups_pay(stream))
+        return 0;
+    for (uint32_t i = 0; i < count; i++)
+        plain |= (uint64_t)(!(rays[i].flags & ~(uint32_t)RAY_TERMINATE_ON_FIRST_HIT) && rays[i].tmin >= 0 &&
+                            rays[i].tmin <= rays[i].tmax)
+                 << i;
+    const uint64_t done = turns_avx2_trace(stream, rays, plain, ret_hits, ret_is_hit);
+    assert_int_equal(done & ~plain, 0);
+    return done;
+}
+
 /* Compares the answers of groups of some size with those of single rays. Returns how many rays hit. */
 static int compare(const struct bed *bed, const struct ray rays[RAYS], uint32_t group_size)
 {
@@ -222,14 +239,19 @@ static int compare(const struct bed *bed, const struct ray rays[RAYS], uint32_t 
     struct traverse_stream stream = {.scene = &bed->unpacked, .counters = &counters};
     int found = 0;
     for (uint32_t begin = 0; begin < RAYS; begin += group_size) {
-        struct ray_hit hits[TRAVERSE_GROUP], expected, alone;
+        struct ray_hit hits[TRAVERSE_GROUP], in_turns[TRAVERSE_GROUP], expected, alone;
         uint32_t count = RAYS - begin < group_size ? RAYS - begin : group_size;
-        uint64_t is_hit = traverse_group(&stream, rays + begin, count, hits);
+        uint64_t is_hit = traverse_group(&stream, rays + begin, count, hits), turns_hit;
+        const uint64_t turns = trace_in_turns(&stream, rays + begin, count, in_turns, &turns_hit);
         for (uint32_t i = 0; i < count; i++) {
             bool is_expected = traverse(&bed->scene.scene, &rays[begin + i], NULL, &expected, NULL);
             assert_int_equal(is_hit >> i & 1, is_expected);
             assert_int_equal(traverse(&bed->unpacked, &rays[begin + i], NULL, &alone, NULL), is_expected);
             found += is_expected;
+            if (turns >> i & 1)
+                assert_int_equal(turns_hit >> i & 1, is_expected);
+            if (turns >> i & 1 && is_expected)
+                assert_true(test_scene_same_hit(&in_turns[i], &expected));
             if (is_expected) {
                 assert_true(test_scene_same_hit(&hits[i], &expected));
                 assert_true(test_scene_same_hit(&alone, &expected));
