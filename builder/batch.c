@@ -150,6 +150,11 @@ static void run_item(struct batch *batch, const struct build_input *input, uint3
     item->status = prepare(input, index, batch->call->limits, &context, &canonical, &item->error);
     item->prepare_ms = clock_ms() - begin;
     memory_explain(&memory, &item->error);
+    if (item->status == BVHD_OK && input->mode == MODE_UPDATE) {
+        item->status = bvhd_error_set(&item->error, BVHD_UNSUPPORTED, place("infos[%u].mode", index).text,
+                                      "a batch of builds does not update");
+        prepare_finish(&canonical, &memory);
+    }
     if (item->status != BVHD_OK)
         return;
     struct build_options options = input->options;

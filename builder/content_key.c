@@ -11,7 +11,8 @@
 
 /* The terminating NULs are hashed too, so that the bytes after them start at a fixed offset. */
 static const char leaf_domain[16] = "bvhd key leaf 1", root_domain[16] = "bvhd key root 2",
-                  embree_domain[16] = "bvhd key embree", update_domain[16] = "bvhd key update";
+                  embree_domain[16] = "bvhd key embree", update_domain[16] = "bvhd key update",
+                  record_domain[16] = "bvhd key record";
 
 struct digest_input {
     const void *data;
@@ -200,4 +201,16 @@ enum bvhd_status content_key_update(const struct canonical *canonical, const str
     bytes_put32(root.bytes + 44, layout->target);
     bytes_put32(root.bytes + 48, layout->version);
     return digest_copy(canonical, &root, context, ret_key, error);
+}
+
+enum bvhd_status content_key_of_record(const struct key *key, struct key *ret_key, struct bvhd_error *error)
+{
+    const struct digest_input inputs[] = {{record_domain, sizeof record_domain}, {key->bytes, sizeof key->bytes}};
+    EVP_MD *hash;
+    enum bvhd_status status = fetch_hash(&hash, error);
+    if (status != BVHD_OK)
+        return status;
+    bool good = digest(hash, inputs, 2, ret_key);
+    EVP_MD_free(hash);
+    return good ? BVHD_OK : bvhd_error_no_memory(error, "key", "no memory for the hash library");
 }

@@ -55,4 +55,10 @@ enum bvhd_status content_key_update(const struct canonical *canonical, const str
                                     const struct key *source, const struct build_context *context, struct key *ret_key,
                                     struct bvhd_error *error);
 
+/*
+ * Computes the name under which the record of a structure is kept: SHA-256("bvhd key record", 32 bytes of the
+ * structure's key). Fails with BVHD_NO_MEMORY or BVHD_INTERNAL.
+ */
+enum bvhd_status content_key_of_record(const struct key *key, struct key *ret_key, struct bvhd_error *error);
+
 #endif

@@ -66,6 +66,8 @@ static void finish_item(struct bvhd_batch *batch, uint32_t index)
     if (item->state == ITEM_BUILDING)
         local_builds_leave(item);
     placement_release(&batch->client->placement, &item->held);
+    bvhd_blob_unref(item->source);
+    item->source = NULL;
     item->exchange = NULL;
     item->state = ITEM_DONE;
     dependency_settle(batch, index);
@@ -107,6 +109,8 @@ static void copy_summary(struct client_item *item, const struct control_summary 
     memcpy(result->slabs, summary->slabs, sizeof result->slabs);
     result->target = (enum bvhd_target)summary->target;
     result->quality = (enum bvhd_quality)summary->quality;
+    result->decay = summary->decay;
+    result->refits = summary->refits;
 }
 
 void client_batch_complete_item(struct bvhd_batch *batch, uint32_t index, const struct control_result *result,

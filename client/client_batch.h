@@ -23,6 +23,7 @@ struct client_item {
     bool is_private; /* ITEM_BLOCKED and ITEM_WAITING: its payload is not in the caller's memory */
     uint32_t blockers; /* ITEM_BLOCKED: number of references that are not complete */
     struct held held; /* ITEM_COPIED: where the payload is */
+    struct bvhd_blob *source; /* before ITEM_DONE, of an update: its source, a reference; NULL: not known here */
     struct exchange *exchange; /* ITEM_SENT: the exchange that will bring the answer */
     uint32_t entry; /* ITEM_SENT: the item's position in that exchange */
     uint32_t thousandths; /* ITEM_SENT: how far its build is */

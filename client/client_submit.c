@@ -61,6 +61,8 @@ static void enqueue(struct bvhd_batch *batch)
     client_deadline_add(batch);
     if (batch->keys)
         local_builds_answer_held(batch);
+    for (uint32_t i = 0; !batch->keys && i < batch->count; i++)
+        local_builds_hold_source(batch, i);
     if (client->local.policy == BVHD_LOCAL_ALWAYS)
         local_builds_take(batch);
     else if (batch->remaining > 0)
@@ -103,6 +105,22 @@ static enum bvhd_status check_build(const struct bvhd_build *build, struct build
     return format_options(build, ret_options, error);
 }
 
+/* Gives the updates the keys of what they update. Without one, an update is refused where it is prepared. */
+static void name_sources(const struct submission *submission)
+{
+    struct vulkan_input *input = submission->batch->input;
+    for (uint32_t i = 0; i < submission->build->info_count; i++) {
+        const struct build_input *entry = &vulkan_input_entries(input)[i];
+        bool is_update = entry->mode == MODE_UPDATE && entry->source != 0;
+        const struct bvhd_key *given = is_update ? reference_table_key(&submission->references, entry->source) : NULL;
+        struct key key;
+        if (!given)
+            continue;
+        memcpy(key.bytes, given->bytes, sizeof key.bytes);
+        vulkan_input_set_source_key(input, i, &key);
+    }
+}
+
 /* Makes the batch's descriptions from Vulkan's structs. */
 static enum bvhd_status describe(struct submission *submission)
 {
@@ -116,6 +134,8 @@ static enum bvhd_status describe(struct submission *submission)
     enum bvhd_status status =
         vulkan_input_create_in(&library_memory, build->infos, build->info_count, build->ranges, table->references,
                                table->count, &submission->options, &submission->batch->input, submission->errors);
+    if (status == BVHD_OK)
+        name_sources(submission);
     if (status == BVHD_OK)
         status = validate_batch_destinations(vulkan_input_entries(submission->batch->input), build->info_count,
                                              &library_memory, submission->batch_errors);

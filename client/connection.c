@@ -405,6 +405,7 @@ enum bvhd_status connection_welcome(struct connection *connection, const struct 
         .max_pool = welcome->max_pool,
         .max_payload = welcome->max_payload ? welcome->max_payload : UINT64_MAX,
         .has_builders = welcome->builders != 0,
+        .has_updates = welcome->updates,
     };
     connection->holdings = welcome->max_held > 0 ? holdings_create(welcome->max_held) : NULL;
     if (welcome->max_held > 0 && !connection->holdings)

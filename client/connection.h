@@ -27,6 +27,7 @@ struct connection_limits {
     uint64_t max_pool; /* 0: no pool */
     uint64_t max_payload;
     bool has_builders; /* items may ask for other builders than the daemon's own, which it may lack */
+    bool has_updates; /* items may be updates */
 };
 
 /* A list of exchanges in the order of sending. */

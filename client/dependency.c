@@ -24,7 +24,7 @@ static void for_incomplete(struct finding *finding,
         const struct build_input *input = &vulkan_input_entries(finding->batch->input)[i];
         for (uint32_t slot = 0; finding->batch->items[i].state != ITEM_DONE && slot < input->reference_count; slot++) {
             uint32_t number = reference_table_find(table, input->references[slot].handle);
-            if (number >= table->given || reference_table_lacks_bounds(table, number))
+            if (table->infos[number] != REFERENCE_GIVEN || reference_table_lacks_bounds(table, number))
                 visit(finding, i, slot, number);
         }
     }
@@ -36,7 +36,7 @@ static void count(struct finding *finding, uint32_t item, uint32_t slot, uint32_
     (void)item;
     (void)slot;
     finding->found->count++;
-    if (number < finding->table->given && finding->lookups[number] == 0)
+    if (finding->table->infos[number] == REFERENCE_GIVEN && finding->lookups[number] == 0)
         finding->lookups[number] = ++finding->lookup_count;
 }
 
@@ -45,8 +45,8 @@ static void add(struct finding *finding, uint32_t item, uint32_t slot, uint32_t 
     struct dependencies *found = finding->found;
     const struct reference_table *table = finding->table;
     uint32_t *list = NULL;
-    if (number >= table->given) {
-        list = &found->on_items[table->infos[number - table->given]];
+    if (table->infos[number] != REFERENCE_GIVEN) {
+        list = &found->on_items[table->infos[number]];
     } else {
         uint32_t lookup = finding->lookups[number] - 1;
         list = &found->on_keys[lookup];

@@ -5,6 +5,7 @@
 #include "client/client_deadline.h"
 #include "client/client_wait.h"
 #include "client/local_job.h"
+#include "client/local_sources.h"
 #include "client/outgoing.h"
 #include "proto/base/container_of.h"
 #include "proto/base/place.h"
@@ -96,7 +97,7 @@ static void fail_key(struct bvhd_batch *batch, uint32_t index)
 static struct local_job *find_job(const struct bvhd_client *client, const struct key *key)
 {
     struct list_link *link = client->local.jobs.first;
-    while (link && !key_equal(&container_of(link, struct local_job, link)->copy.key, key))
+    while (link && !key_equal(&container_of(link, struct local_job, link)->entry.key, key))
         link = link->next;
     return link ? container_of(link, struct local_job, link) : NULL;
 }
@@ -188,6 +189,14 @@ void local_builds_take_all(struct bvhd_client *client)
 
 /* ---- running one item ---- */
 
+void local_builds_hold_source(struct bvhd_batch *batch, uint32_t index)
+{
+    struct client_item *item = &batch->items[index];
+    const struct key *key = &vulkan_input_entries(batch->input)[index].source_key;
+    if (!item->source && !key_is_zero(key))
+        item->source = local_sources_find(key);
+}
+
 /* Makes a job of an item. Returns NULL, and fails the item, without memory. */
 static struct local_job *start_job(struct bvhd_batch *batch, uint32_t index)
 {
@@ -196,8 +205,10 @@ static struct local_job *start_job(struct bvhd_batch *batch, uint32_t index)
     const unsigned char *bytes =
         item->held.kind == HELD_POOL ? placement_bytes(&batch->client->placement, &item->held) : NULL;
     struct control_item asked = outgoing_describe(input);
-    struct local_job *job = local_job_create(&asked, index, &item->held, bytes);
+    local_builds_hold_source(batch, index);
+    struct local_job *job = local_job_create(&asked, index, &item->held, bytes, item->source);
     if (job) {
+        item->source = NULL;
         join(job, batch, item);
     } else {
         struct bvhd_error error;
@@ -321,8 +332,8 @@ static void resolve_job(struct bvhd_client *client, struct local_job *job, const
         fail_waiters(job);
         return;
     }
-    const struct client_item *held = local_results_find(&client->local.results, &job->copy.key);
-    struct local_job *same = held ? NULL : find_job(client, &job->copy.key);
+    const struct client_item *held = local_results_find(&client->local.results, &job->entry.key);
+    struct local_job *same = held ? NULL : find_job(client, &job->entry.key);
     if (held)
         share_with_waiters(job, held);
     else if (same)

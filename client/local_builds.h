@@ -52,6 +52,12 @@ void local_builds_take(struct bvhd_batch *batch);
 /* Does the same with all batches that are queued for a daemon. */
 void local_builds_take_all(struct bvhd_client *client);
 
+/*
+ * Lets an update keep the structure that it updates, if that was built here: the program may drop it before the update
+ * begins.
+ */
+void local_builds_hold_source(struct bvhd_batch *batch, uint32_t index);
+
 /* Answers keys of a new batch by results that are held here. */
 void local_builds_answer_held(struct bvhd_batch *batch);
 

@@ -14,7 +14,7 @@
 #include "proto/wire/rows.h"
 
 struct local_job *local_job_create(const struct control_item *asked, uint32_t index, struct held *payload,
-                                   const unsigned char *pool_bytes)
+                                   const unsigned char *pool_bytes, struct bvhd_blob *source)
 {
     struct local_job *job = memory_alloc(&library_memory, sizeof *job);
     if (!job)
@@ -24,6 +24,7 @@ struct local_job *local_job_create(const struct control_item *asked, uint32_t in
     job->index = index;
     job->payload = *payload;
     job->pool_bytes = pool_bytes;
+    job->source = source;
     atomic_init(&job->deadline, LIBRARY_NEVER);
     memory_init_within(&job->memory, &library_memory, UINT64_MAX);
     *payload = (struct held){.kind = HELD_NOTHING, .descriptor = -1};
@@ -35,7 +36,8 @@ void local_job_destroy(struct local_job *job)
     if (!job)
         return;
     if (job->library)
-        job->library->copy_finish(&job->copy, &job->memory);
+        job->library->entry_finish(&job->entry, &job->memory);
+    bvhd_blob_unref(job->source);
     bvhd_blob_unref(job->blob);
     memory_free(&library_memory, job);
 }
@@ -63,6 +65,16 @@ static struct build_context context_of(struct local_job *job, const struct paral
     return (struct build_context){.memory = &job->memory, .parallel = parallel, .cancel = &job->cancel};
 }
 
+/* Describes the source in *memory; NULL: there is none. */
+static const struct build_entry_source *source_of(const struct local_job *job, struct build_entry_source *memory)
+{
+    if (!job->source)
+        return NULL;
+    *memory = (struct build_entry_source){{bvhd_blob_data(job->source), bvhd_blob_size(job->source)},
+                                          result_blob_record(job->source)};
+    return memory;
+}
+
 static enum bvhd_status make_copy(struct local_job *job, struct bytes payload, const struct parallel *parallel)
 {
     const struct control_item *asked = &job->asked;
@@ -70,10 +82,12 @@ static enum bvhd_status make_copy(struct local_job *job, struct bytes payload, c
     struct rows_shape shape = {asked->geometry_count, asked->geometry_size, asked->reference_count,
                                asked->reference_size, &job->cancel};
     struct build_input input = describe(asked);
+    struct build_entry_source source;
     enum bvhd_status status = rows_read(payload, &shape, job->index, &job->memory, &input, &job->error);
     if (status != BVHD_OK)
         return status;
-    status = job->library->copy_make(&input, job->index, &context, &job->copy, &job->error);
+    status =
+        job->library->entry_prepare(&input, job->index, source_of(job, &source), &context, &job->entry, &job->error);
     rows_finish(&input, &job->memory);
     return status;
 }
@@ -141,6 +155,13 @@ uint32_t local_job_thousandths(const struct local_job *job)
     return thousandths < CONTROL_DONE ? thousandths : CONTROL_DONE;
 }
 
+static enum bvhd_status make(struct local_job *job, const struct build_context *context)
+{
+    struct build_entry_source source;
+    return job->library->entry_make(&job->entry, source_of(job, &source), context, &job->stats, &job->refit,
+                                    &job->error);
+}
+
 void local_job_build(struct local_job *job, const struct parallel *parallel)
 {
     struct blob_memory blob = {.output = {allocate, discard}};
@@ -154,11 +175,13 @@ void local_job_build(struct local_job *job, const struct parallel *parallel)
     context.progress = note_progress;
     context.progress_context = job;
     double begin = clock_ms();
-    job->status = job->library->build(&job->copy, &context, &job->stats, &job->error);
+    job->status = make(job, &context);
     job->build_ms = clock_ms() - begin;
     job->peak_bytes = atomic_load_explicit(&memory.peak, memory_order_relaxed);
     if (job->status == BVHD_OK)
         job->status = result_blob_take(blob.bytes, blob.size, &job->blob, &job->error);
+    if (job->status == BVHD_OK)
+        job->status = result_blob_set_source(job->blob, &job->entry.key, job->entry.record.bytes, &job->error);
 }
 
 static struct control_summary summarise(const struct local_job *job)
@@ -174,10 +197,12 @@ static struct control_summary summarise(const struct local_job *job)
         .refs = stats->refs,
         .peak_bytes = job->peak_bytes,
         .depth = stats->depth,
-        .target = job->copy.options.target,
+        .target = job->entry.options.target,
         .quality = stats->quality,
         .sah = stats->sah,
         .build_ms = job->build_ms,
+        .decay = job->refit.decay,
+        .refits = job->refit.refits,
     };
     snprintf(summary.method, sizeof summary.method, "%s", stats->method);
     memcpy(summary.bounds, &stats->bounds, sizeof summary.bounds);
@@ -188,7 +213,7 @@ static struct control_summary summarise(const struct local_job *job)
 void local_job_describe(const struct local_job *job, bool is_own, struct control_result *ret_result)
 {
     *ret_result = (struct control_result){
-        .key = job->copy.key,
+        .key = job->entry.key,
         .size = bvhd_blob_size(job->blob),
         .origin = is_own ? ORIGIN_BUILT : ORIGIN_COALESCED,
         .build_ms = is_own ? job->build_ms : 0,

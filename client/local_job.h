@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * local_job.h - prepares and builds one structure in this process, from the same payload that a daemon would get.
+ * local_job.h - prepares and builds, or updates, one structure in this process, from the same payload that a daemon
+ * would get.
  *
  * A job begins with one item that waits for it. Other items may join it once its key is known, and any of them may
  * leave; a job without items is abandoned and stops within milliseconds. The thread that runs a job needs no lock for
@@ -27,24 +28,32 @@ struct local_job {
     _Atomic uint64_t deadline; /* by clock_ns, after which no item wants the result; LIBRARY_NEVER: none */
     struct memory memory; /* of the preparation */
     const struct build_library *library;
-    struct build_library_copy copy;
+    struct bvhd_blob *source; /* of an update: a reference; NULL: this process does not have it */
+    struct build_entry entry;
     enum bvhd_status status;
     struct bvhd_error error;
     struct bvhd_blob *blob; /* the job's reference */
     struct build_stats stats;
+    struct refit_result refit;
     uint64_t peak_bytes;
     double prepare_ms, build_ms;
     _Atomic uint32_t thousandths; /* of the build that are done */
 };
 
-/* Creates a job without items, which takes over *payload. Returns NULL without memory. */
+/*
+ * Creates a job without items, which takes over *payload and the reference to the source. Returns NULL, and takes
+ * nothing, without memory.
+ */
 struct local_job *local_job_create(const struct control_item *asked, uint32_t index, struct held *payload,
-                                   const unsigned char *pool_bytes);
+                                   const unsigned char *pool_bytes, struct bvhd_blob *source);
 
 /* Frees a job whose payload has been released. NULL is allowed. */
 void local_job_destroy(struct local_job *job);
 
-/* Loads the library, reads the payload and makes its copy with the key. Sets `status` and `error`. */
+/*
+ * Loads the library, reads the payload and makes its copy with the key. Sets `status` and `error`: BVHD_SOURCE_LOST for
+ * an update whose source is not there.
+ */
 void local_job_prepare(struct local_job *job, const struct parallel *parallel);
 
 /*

@@ -230,6 +230,8 @@ static enum added add_build(struct draft *draft, uint32_t index)
         return fail(batch, index, BVHD_TOO_LARGE, "more bytes than the daemon takes");
     if (input->options.builder != BUILDER_OWN && !draft->connection->limits.has_builders)
         return fail(batch, index, BVHD_UNSUPPORTED, "the daemon's version has no builder but its own");
+    if (!key_is_zero(&input->source_key) && !draft->connection->limits.has_updates)
+        return fail(batch, index, BVHD_UNSUPPORTED, "the daemon's version does not update structures");
     enum added added = place_item(draft, index, size);
     if (added != ADDED)
         return added;

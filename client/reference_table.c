@@ -47,56 +47,65 @@ static enum bvhd_status check_reference(const struct bvhd_reference *reference, 
     return BVHD_OK;
 }
 
-/* Equal handles are adjacent, those of the build's own references first: the sort is stable. */
-static enum bvhd_status check_handles(const struct reference_table *table, struct bvhd_error *error)
+static bool is_update_in_place(const VkAccelerationStructureBuildGeometryInfoKHR *info)
+{
+    return info->mode == VK_BUILD_ACCELERATION_STRUCTURE_MODE_UPDATE_KHR &&
+           info->srcAccelerationStructure == info->dstAccelerationStructure;
+}
+
+static void sort_handles(struct reference_table *table)
+{
+    for (uint32_t i = 0; i < table->count; i++)
+        table->handles[i] = (struct handle_entry){table->references[i].handle, i};
+    handle_sort(table->handles, table->handles + table->count, table->count);
+}
+
+/* Takes the references of the build. Equal handles are adjacent after the sort. */
+static enum bvhd_status take_given(struct reference_table *table, struct bvhd_error *error)
 {
     const struct handle_entry *handles = table->handles;
-    for (uint32_t i = 1; i < table->count; i++) {
-        uint32_t first = handles[i - 1].number, second = handles[i].number;
-        if (handles[i].handle != handles[i - 1].handle || first >= table->given)
-            continue;
-        if (second < table->given)
-            return bvhd_error_set(error, BVHD_INVALID, place("build.references[%u].handle", second).text,
-                                  "0x%" PRIx64 " is the handle of references[%u], too", handles[i].handle, first);
-        return bvhd_error_set(error, BVHD_INVALID, place("build.references[%u].handle", first).text,
-                              "0x%" PRIx64 " is the dstAccelerationStructure of infos[%u], too", handles[i].handle,
-                              table->infos[second - table->given]);
+    table->given = table->count = table->build->reference_count;
+    for (uint32_t i = 0; i < table->given; i++) {
+        table->references[i] = reference_convert(&table->build->references[i]);
+        table->infos[i] = REFERENCE_GIVEN;
     }
+    sort_handles(table);
+    for (uint32_t i = 1; i < table->given; i++)
+        if (handles[i].handle == handles[i - 1].handle)
+            return bvhd_error_set(error, BVHD_INVALID, place("build.references[%u].handle", handles[i].number).text,
+                                  "0x%" PRIx64 " is the handle of references[%u], too", handles[i].handle,
+                                  handles[i - 1].number);
     return BVHD_OK;
 }
 
-/* Every info's own destination counts here, that of a top level too: the handle of a reference must be none of them. */
-static enum bvhd_status check_destinations(const struct reference_table *table, struct bvhd_error *error)
+/* Takes what an info builds, instead of the reference that it updates in place or behind all others. */
+static enum bvhd_status take_built(struct reference_table *table, uint32_t info, struct bvhd_error *error)
 {
-    for (uint32_t i = 0; i < table->build->info_count; i++) {
-        const VkAccelerationStructureBuildGeometryInfoKHR *info = &table->build->infos[i];
-        uint32_t at = handle_find(table->handles, table->count, destination_of(info));
-        if (!is_nameable(info) && at != HANDLE_NONE && table->handles[at].number < table->given)
-            return bvhd_error_set(
-                error, BVHD_INVALID, place("build.references[%u].handle", table->handles[at].number).text,
-                "0x%" PRIx64 " is the dstAccelerationStructure of infos[%u], too", destination_of(info), i);
+    const VkAccelerationStructureBuildGeometryInfoKHR *built = &table->build->infos[info];
+    uint32_t at = handle_find(table->handles, table->given, destination_of(built)), number = table->count;
+    if (at != HANDLE_NONE) {
+        number = table->handles[at].number;
+        if (!is_update_in_place(built))
+            return bvhd_error_set(error, BVHD_INVALID, place("build.references[%u].handle", number).text,
+                                  "0x%" PRIx64 " is the dstAccelerationStructure of infos[%u], too",
+                                  destination_of(built), info);
     }
+    if (!is_nameable(built))
+        return BVHD_OK;
+    table->references[number] = (struct reference){.kind = REFERENCE_BLAS, .handle = destination_of(built)};
+    table->infos[number] = info;
+    table->count += at == HANDLE_NONE;
     return BVHD_OK;
 }
 
-static void fill(struct reference_table *table)
+static enum bvhd_status fill(struct reference_table *table, struct bvhd_error *error)
 {
-    const struct bvhd_build *build = table->build;
-    table->given = build->reference_count;
-    for (uint32_t i = 0; i < build->reference_count; i++)
-        table->references[i] = reference_convert(&build->references[i]);
-    uint32_t count = table->given;
-    for (uint32_t i = 0; i < build->info_count; i++) {
-        if (!is_nameable(&build->infos[i]))
-            continue;
-        table->infos[count - table->given] = i;
-        table->references[count++] =
-            (struct reference){.kind = REFERENCE_BLAS, .handle = destination_of(&build->infos[i])};
-    }
-    table->count = count;
-    for (uint32_t i = 0; i < count; i++)
-        table->handles[i] = (struct handle_entry){table->references[i].handle, i};
-    handle_sort(table->handles, table->handles + count, count);
+    enum bvhd_status status = take_given(table, error);
+    for (uint32_t i = 0; status == BVHD_OK && i < table->build->info_count; i++)
+        status = take_built(table, i, error);
+    if (status == BVHD_OK)
+        sort_handles(table);
+    return status;
 }
 
 static uint64_t count_nameable(const struct bvhd_build *build)
@@ -119,12 +128,9 @@ enum bvhd_status reference_table_make(const struct bvhd_build *build, struct mem
     struct reference_table table = {.build = build};
     table.references = memory_array(memory, count + 1, sizeof *table.references);
     table.handles = memory_array(memory, count + 1, 2 * sizeof *table.handles);
-    table.infos = memory_array(memory, nameable + 1, sizeof *table.infos);
+    table.infos = memory_array(memory, count + 1, sizeof *table.infos);
     if (table.references && table.handles && table.infos && count < UINT32_MAX) {
-        fill(&table);
-        status = check_handles(&table, error);
-        if (status == BVHD_OK)
-            status = check_destinations(&table, error);
+        status = fill(&table, error);
     } else {
         status = bvhd_error_no_memory(error, "batch", "no memory for it");
     }
@@ -150,5 +156,14 @@ uint32_t reference_table_find(const struct reference_table *table, uint64_t hand
 
 bool reference_table_lacks_bounds(const struct reference_table *table, uint32_t number)
 {
-    return number < table->given && !reference_is_bounded(&table->build->references[number]);
+    return table->infos[number] == REFERENCE_GIVEN && !reference_is_bounded(&table->build->references[number]);
+}
+
+const struct bvhd_key *reference_table_key(const struct reference_table *table, uint64_t handle)
+{
+    uint32_t at = handle_find(table->handles, table->count, handle);
+    if (at == HANDLE_NONE || table->handles[at].number >= table->given)
+        return NULL;
+    const struct bvhd_reference *reference = &table->build->references[table->handles[at].number];
+    return reference->has_key ? &reference->key : NULL;
 }

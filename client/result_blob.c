@@ -9,12 +9,14 @@
 #include <unistd.h>
 
 #include "client/library.h"
+#include "client/local_sources.h"
 
 struct bvhd_blob {
     atomic_uint refs;
     bool mapped; /* `data` is a mapping; else it comes from library_memory */
     void *data;
     uint64_t size;
+    struct local_source *source; /* of a blob that was built here; NULL: it cannot be updated here */
     struct holdings *holdings; /* where it counts; NULL: nowhere */
 };
 
@@ -45,6 +47,26 @@ enum bvhd_status result_blob_copy(struct bytes bytes, struct bvhd_blob **ret_blo
         return bvhd_error_no_memory(error, "result", "no memory for %llu bytes", (unsigned long long)bytes.size);
     memcpy(data, bytes.data, bytes.size);
     return result_blob_take(data, bytes.size, ret_blob, error);
+}
+
+enum bvhd_status result_blob_set_source(struct bvhd_blob *blob, const struct key *key, struct bytes record,
+                                        struct bvhd_error *error)
+{
+    return local_source_create(blob, key, record, &blob->source, error);
+}
+
+struct bytes result_blob_record(const struct bvhd_blob *blob)
+{
+    return blob->source ? local_source_record(blob->source) : (struct bytes){NULL, 0};
+}
+
+bool result_blob_try_ref(struct bvhd_blob *blob)
+{
+    unsigned refs = atomic_load_explicit(&blob->refs, memory_order_relaxed);
+    while (refs > 0 && !atomic_compare_exchange_weak_explicit(&blob->refs, &refs, refs + 1, memory_order_relaxed,
+                                                              memory_order_relaxed)) {
+    }
+    return refs > 0;
 }
 
 /* The seals guarantee that the bytes never change, and that reading them never runs beyond the end of the file. */
@@ -115,6 +137,7 @@ void bvhd_blob_unref(struct bvhd_blob *blob)
 {
     if (!blob || atomic_fetch_sub_explicit(&blob->refs, 1, memory_order_acq_rel) != 1)
         return;
+    local_source_destroy(blob->source);
     if (blob->mapped)
         munmap(blob->data, blob->size);
     else

@@ -10,6 +10,7 @@
 
 #include "client/holdings.h"
 #include "proto/base/bytes.h"
+#include "proto/base/key.h"
 #include "proto/base/status.h"
 
 /* Makes a blob with a copy of `bytes`, at least one. Fails with BVHD_NO_MEMORY. */
@@ -19,6 +20,17 @@ enum bvhd_status result_blob_copy(struct bytes bytes, struct bvhd_blob **ret_blo
  * Makes a blob of a block of library_memory. It takes the block over, even if it fails with BVHD_NO_MEMORY.
  */
 enum bvhd_status result_blob_take(void *data, uint64_t size, struct bvhd_blob **ret_blob, struct bvhd_error *error);
+
+/*
+ * Lets updates in this process find a blob that is not shared yet, as local_source_create says. BVHD_NO_MEMORY. The
+ * second function returns the record; no bytes: there is none.
+ */
+enum bvhd_status result_blob_set_source(struct bvhd_blob *blob, const struct key *key, struct bytes record,
+                                        struct bvhd_error *error);
+struct bytes result_blob_record(const struct bvhd_blob *blob);
+
+/* Takes another reference, unless the last one is gone already. */
+bool result_blob_try_ref(struct bvhd_blob *blob);
 
 /*
  * Makes a blob by mapping the first `size` bytes (not 0) of a memfd, which must be sealed SHRINK|GROW|WRITE and be at

@@ -557,6 +557,11 @@ bool vulkan_input_own_records(struct vulkan_input *input, uint32_t entry)
     return true;
 }
 
+void vulkan_input_set_source_key(struct vulkan_input *input, uint32_t entry, const struct key *key)
+{
+    input->entries[entry].source_key = *key;
+}
+
 void vulkan_input_complete_reference(struct vulkan_input *input, uint32_t entry, uint32_t slot,
                                      const struct reference *reference)
 {

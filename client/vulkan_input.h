@@ -48,6 +48,9 @@ const struct build_input *vulkan_input_entries(const struct vulkan_input *input)
  */
 bool vulkan_input_own_records(struct vulkan_input *input, uint32_t entry);
 
+/* Sets the key of what an entry updates. */
+void vulkan_input_set_source_key(struct vulkan_input *input, uint32_t entry, const struct key *key);
+
 /* Sets reference `slot` of an entry. */
 void vulkan_input_complete_reference(struct vulkan_input *input, uint32_t entry, uint32_t slot,
                                      const struct reference *reference);

@@ -20,7 +20,10 @@ static enum bvhd_status check_mode(const struct build_input *input, uint32_t ind
     if (!input->source)
         return bvhd_error_rule(error, BVHD_VUID_04630, place("infos[%u].srcAccelerationStructure", index).text,
                                "srcAccelerationStructure is NULL, but the mode is UPDATE");
-    return bvhd_error_set(error, BVHD_UNSUPPORTED, where.text, "this version does not update structures");
+    if (key_is_zero(&input->source_key))
+        return bvhd_error_rule(error, BVHD_VUID_03667, place("infos[%u].srcAccelerationStructure", index).text,
+                               "srcAccelerationStructure names no structure whose key is known");
+    return BVHD_OK;
 }
 
 /*

@@ -1,38 +1,22 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "builder/local/build_library.h"
 
-#include "builder/content_key.h"
-#include "builder/input/prepare.h"
-#include "builder/tier.h"
 #include "builder/workers.h"
 
-static enum bvhd_status copy_make(const struct build_input *input, uint32_t index, const struct build_context *context,
-                                  struct build_library_copy *ret_copy, struct bvhd_error *error)
+static enum bvhd_status entry_prepare(const struct build_input *input, uint32_t index,
+                                      const struct build_entry_source *source, const struct build_context *context,
+                                      struct build_entry *ret_entry, struct bvhd_error *error)
 {
     const struct limits limits = limits_default();
-    struct build_library_copy copy = {.options = input->options};
-    enum bvhd_status status = prepare(input, index, &limits, context, &copy.canonical, error);
-    if (status != BVHD_OK)
-        return status;
-    copy.options.quality = tier_resolve(&copy.canonical, &input->options);
-    status = content_key(&copy.canonical, &copy.options, context, &copy.key, error);
-    if (status == BVHD_OK)
-        *ret_copy = copy;
-    else
-        prepare_finish(&copy.canonical, context->memory);
-    return status;
+    return build_entry_prepare(input, index, &limits, source, context, ret_entry, error);
 }
 
-static void copy_finish(struct build_library_copy *copy, struct memory *memory)
-{
-    prepare_finish(&copy->canonical, memory);
-}
-
-static enum bvhd_status build_copy(const struct build_library_copy *copy, const struct build_context *context,
-                                   struct build_stats *ret_stats, struct bvhd_error *error)
+static enum bvhd_status entry_make(struct build_entry *entry, const struct build_entry_source *source,
+                                   const struct build_context *context, struct build_stats *ret_stats,
+                                   struct refit_result *ret_refit, struct bvhd_error *error)
 {
     unsigned char *blob;
-    return build(&copy->canonical, &copy->options, context, &blob, ret_stats, error);
+    return build_entry_make(entry, source, context, &blob, ret_stats, ret_refit, error);
 }
 
 const struct build_library *bvhd_build_library(void)
@@ -42,9 +26,9 @@ const struct build_library *bvhd_build_library(void)
         .workers_create = workers_create,
         .workers_destroy = workers_destroy,
         .workers_parallel = workers_parallel,
-        .copy_make = copy_make,
-        .copy_finish = copy_finish,
-        .build = build_copy,
+        .entry_prepare = entry_prepare,
+        .entry_finish = build_entry_finish,
+        .entry_make = entry_make,
     };
     return &library;
 }

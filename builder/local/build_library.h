@@ -12,21 +12,13 @@
 
 #include <bvhd/status.h>
 
-#include "builder/build.h"
-#include "proto/base/key.h"
+#include "builder/update/build_entry.h"
 
 struct workers;
 
 /* The file that is loaded, and the name of the function in it. */
 #define BUILD_LIBRARY_FILE "libbvhd_build.so.0"
 #define BUILD_LIBRARY_ENTRY "bvhd_build_library"
-
-/* A canonical copy with everything that decides the result. */
-struct build_library_copy {
-    struct canonical canonical;
-    struct build_options options; /* its quality is the one that is built */
-    struct key key;
-};
 
 /* The functions of the library. Each may be called from any thread. */
 struct build_library {
@@ -37,17 +29,16 @@ struct build_library {
     void (*workers_destroy)(struct workers *workers);
     const struct parallel *(*workers_parallel)(const struct workers *workers);
 
-    /*
-     * Prepares an entry, chooses its quality and computes its key. Errors are those of prepare() and content_key(). The
-     * copy is freed by copy_finish, with the memory of the context; a copy that is all 0 is allowed.
-     */
-    enum bvhd_status (*copy_make)(const struct build_input *input, uint32_t index, const struct build_context *context,
-                                  struct build_library_copy *ret_copy, struct bvhd_error *error);
-    void (*copy_finish)(struct build_library_copy *copy, struct memory *memory);
+    /* As build_entry.h describes them; the limits are those of limits_default(). */
+    enum bvhd_status (*entry_prepare)(const struct build_input *input, uint32_t index,
+                                      const struct build_entry_source *source, const struct build_context *context,
+                                      struct build_entry *ret_entry, struct bvhd_error *error);
+    void (*entry_finish)(struct build_entry *entry, struct memory *memory);
 
-    /* Builds what a copy describes, as build() does; context->output provides the blob's bytes. */
-    enum bvhd_status (*build)(const struct build_library_copy *copy, const struct build_context *context,
-                              struct build_stats *ret_stats, struct bvhd_error *error);
+    /* As build_entry.h describes it; context->output provides the blob's bytes. */
+    enum bvhd_status (*entry_make)(struct build_entry *entry, const struct build_entry_source *source,
+                                   const struct build_context *context, struct build_stats *ret_stats,
+                                   struct refit_result *ret_refit, struct bvhd_error *error);
 };
 
 /* Returns the table, which is constant. The only name that the library exports. */

@@ -221,6 +221,18 @@ enum bvhd_status blob_writer_finish(struct blob_writer *writer, struct blob **re
     return BVHD_OK;
 }
 
+enum bvhd_status blob_set_record(struct blob *blob, struct bytes record, struct bvhd_error *error)
+{
+    assert(!blob->record.data);
+    unsigned char *copy = memory_alloc(blob->account->memory, record.size);
+    if (!copy)
+        return bvhd_error_no_memory(error, "blob", "no memory for a record of %" PRIu64 " bytes", record.size);
+    memcpy(copy, record.data, record.size);
+    blob->record = (struct bytes){copy, record.size};
+    atomic_fetch_add_explicit(&blob->account->live_bytes, record.size, memory_order_relaxed);
+    return BVHD_OK;
+}
+
 struct blob *blob_ref(struct blob *blob)
 {
     atomic_fetch_add_explicit(&blob->refs, 1, memory_order_relaxed);
@@ -236,6 +248,8 @@ void blob_unref(struct blob *blob)
     if (blob->descriptor >= 0)
         release_memfd(blob->descriptor, blob->size);
     memory_free(account->memory, (void *)(uintptr_t)blob->bytes);
+    memory_free(account->memory, (void *)(uintptr_t)blob->record.data);
+    atomic_fetch_sub_explicit(&account->live_bytes, blob->record.size, memory_order_relaxed);
     give(account, blob->size);
     atomic_fetch_sub_explicit(&account->live_blobs, 1, memory_order_relaxed);
     memory_free(account->memory, blob);

@@ -20,7 +20,7 @@
 #ifndef BVHD_BLOB_H
 #define BVHD_BLOB_H
 
-#include "builder/build.h"
+#include "builder/update/refit.h"
 #include "daemon/system/descriptors.h"
 #include "daemon/system/ready_memfds.h"
 #include "proto/base/key.h"
@@ -48,6 +48,10 @@ struct blob {
     struct build_stats stats;
     double build_ms; /* the duration of its build */
     uint64_t peak_bytes; /* the most memory that its build took at a time */
+    struct bytes
+        record; /* what updates of it need (builder/update/record.h), from the account; no bytes: none is known */
+    bool is_from_disk; /* it may have a record there */
+    struct refit_result refit; /* all 0 for a build */
 };
 
 void blob_account_init(struct blob_account *account, struct memory *memory, struct descriptors *descriptors);
@@ -91,6 +95,9 @@ enum bvhd_status blob_writer_append(struct blob_writer *writer, const void *byte
  * peak_bytes before it shares the blob. On failure, with a status as above, the writer holds nothing.
  */
 enum bvhd_status blob_writer_finish(struct blob_writer *writer, struct blob **ret_blob, struct bvhd_error *error);
+
+/* Keeps a copy of the record with a blob that is not shared yet and has none. BVHD_NO_MEMORY. */
+enum bvhd_status blob_set_record(struct blob *blob, struct bytes record, struct bvhd_error *error);
 
 /* Frees what was written. Does nothing if nothing is allocated, or after blob_writer_finish. */
 void blob_writer_discard(struct blob_writer *writer);

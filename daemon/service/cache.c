@@ -188,9 +188,10 @@ void cache_get(struct cache *cache, const struct key *key, cache_answer answer, 
 static uint64_t cost_of(const struct blob *blob)
 {
     uint64_t cost;
-    if (!bytes_add(blob->size, CACHE_OVERHEAD + CACHE_PAGE, &cost))
+    if (!bytes_add(blob->size, CACHE_OVERHEAD + CACHE_PAGE, &cost) || !bytes_add(cost, blob->record.size, &cost))
         return UINT64_MAX;
-    return CACHE_OVERHEAD + (blob->descriptor >= 0 ? bytes_align(blob->size, CACHE_PAGE) : blob->size);
+    return CACHE_OVERHEAD + blob->record.size +
+           (blob->descriptor >= 0 ? bytes_align(blob->size, CACHE_PAGE) : blob->size);
 }
 
 /* The most descriptors that entries may hold; `blob` is any of the blobs. */

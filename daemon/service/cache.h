@@ -12,9 +12,9 @@
 #include "daemon/service/blob.h"
 
 /*
- * CACHE_OVERHEAD is what a blob costs beside its bytes: its struct (about 350 bytes), the entry and its slot (100), the
- * headers of their memory blocks, and for a memfd the kernel's inode, file and directory entry (1,100). The bytes of a
- * memfd are counted in whole pages of CACHE_PAGE.
+ * CACHE_OVERHEAD is what a blob costs beside its bytes and its record: its struct (about 350 bytes), the entry and its
+ * slot (100), the headers of their memory blocks, and for a memfd the kernel's inode, file and directory entry (1,100).
+ * The bytes of a memfd are counted in whole pages of CACHE_PAGE.
  */
 enum { CACHE_OVERHEAD = 2048, CACHE_PAGE = 4096 };
 

@@ -45,7 +45,10 @@
     X(disk_read_errors) /* results that could not be read, for other reasons than damage */                            \
     X(disk_damaged) /* results on disk that were found damaged and set aside */                                        \
     X(disk_evicted) /* entries */                                                                                      \
-    X(connections_refused) /* clients that were turned away: too many connections, no memory, no descriptors */
+    X(connections_refused) /* clients that were turned away: too many connections, no memory, no descriptors */        \
+    X(refits_started) /* updates, which are not among the builds */                                                    \
+    X(refits_done)                                                                                                     \
+    X(refits_failed) /* or cancelled */
 
 #define COUNTERS_OF_LEVELS(X)                                                                                          \
     X(pid)                                                                                                             \

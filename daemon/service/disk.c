@@ -1,10 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "daemon/service/disk.h"
 
+#include "builder/content_key.h"
 #include "builder/store/generation.h"
 #include "builder/summary.h"
 #include "daemon/service/disk_writer.h"
 #include "proto/base/container_of.h"
+#include "proto/base/request_limits.h"
 #include "proto/wire/control.h"
 
 enum { READY_IDLE_MS = 500 };
@@ -118,6 +120,8 @@ static struct reading *reading_of(struct store_sink *sink)
 static enum bvhd_status begin(struct store_sink *sink, const struct store_entry *entry, struct bvhd_error *error)
 {
     struct reading *reading = reading_of(sink);
+    if (entry->summary.size == 0)
+        return bvhd_error_set(error, BVHD_NOT_FOUND, "summary", "the entry is the record of a result");
     enum bvhd_status status = summary_read(entry->summary, entry->size, &reading->summary, error);
     if (status == BVHD_OK && entry->size == 0)
         status = bvhd_error_set(error, BVHD_CORRUPT, "size", "an empty result");
@@ -150,6 +154,7 @@ static enum bvhd_status finish(struct reading *reading, const struct key *key, s
     blob->stats = summary->stats;
     blob->build_ms = summary->build_ms;
     blob->peak_bytes = summary->peak_bytes;
+    blob->is_from_disk = true;
     *ret_blob = blob;
     return BVHD_OK;
 }
@@ -166,6 +171,13 @@ static enum bvhd_status read_entry(struct disk *disk, const struct key *key, con
     return status;
 }
 
+static enum bvhd_status end_reading(struct disk *disk, enum bvhd_status status)
+{
+    if (status != BVHD_OK && status != BVHD_NOT_FOUND && status != BVHD_CANCELLED)
+        atomic_fetch_add_explicit(&disk->read_errors, 1, memory_order_relaxed);
+    return status;
+}
+
 enum bvhd_status disk_read(struct disk *disk, const struct key *key, const atomic_bool *cancel, struct blob **ret_blob,
                            struct bvhd_error *error)
 {
@@ -176,9 +188,80 @@ enum bvhd_status disk_read(struct disk *disk, const struct key *key, const atomi
         ready_memfds_leave(disk->ready);
         give_descriptors(disk->account);
     }
-    if (status != BVHD_OK && status != BVHD_NOT_FOUND && status != BVHD_CANCELLED)
-        atomic_fetch_add_explicit(&disk->read_errors, 1, memory_order_relaxed);
+    return end_reading(disk, status);
+}
+
+/* ---- records ---- */
+
+/* One record that is read. */
+struct record_reading {
+    struct store_sink sink;
+    const atomic_bool *cancel;
+    struct memory *memory;
+    unsigned char *bytes;
+    uint64_t size, filled;
+};
+
+/* A record has a bit for each primitive and a row for each geometry, so that no larger entry is one. */
+static bool may_be_record(const struct store_entry *entry)
+{
+    const uint64_t most = ((uint64_t)LIMIT_MAX_GEOMETRIES + 1) * 128 + LIMIT_MAX_PRIMITIVES / 8;
+    return entry->summary.size == 0 && entry->size > 0 && entry->size <= most;
+}
+
+static enum bvhd_status begin_record(struct store_sink *sink, const struct store_entry *entry, struct bvhd_error *error)
+{
+    struct record_reading *reading = container_of(sink, struct record_reading, sink);
+    if (!may_be_record(entry))
+        return bvhd_error_set(error, BVHD_CORRUPT, "record", "the entry is none");
+    reading->bytes = memory_alloc(reading->memory, entry->size);
+    reading->size = entry->size;
+    return reading->bytes ? BVHD_OK : bvhd_error_no_memory(error, "record", "no memory to read it");
+}
+
+static unsigned char *room_of_record(struct store_sink *sink, uint64_t size)
+{
+    const struct record_reading *reading = container_of(sink, struct record_reading, sink);
+    return size <= reading->size - reading->filled ? reading->bytes + reading->filled : NULL;
+}
+
+static enum bvhd_status append_record(struct store_sink *sink, const void *bytes, uint64_t size,
+                                      struct bvhd_error *error)
+{
+    struct record_reading *reading = container_of(sink, struct record_reading, sink);
+    if (atomic_load_explicit(reading->cancel, memory_order_relaxed))
+        return bvhd_error_set(error, BVHD_CANCELLED, "", "cancelled");
+    if (bytes != reading->bytes + reading->filled)
+        memcpy(reading->bytes + reading->filled, bytes, size);
+    reading->filled += size;
+    return BVHD_OK;
+}
+
+static enum bvhd_status read_record(struct disk *disk, const struct key *key, struct record_reading *reading,
+                                    struct bvhd_error *error)
+{
+    struct key own;
+    enum bvhd_status status = content_key_of_record(key, &own, error);
+    if (status == BVHD_OK)
+        status = store_get(disk->store, &own, &reading->sink, error);
+    if (status != BVHD_OK)
+        memory_free(reading->memory, reading->bytes);
     return status;
+}
+
+enum bvhd_status disk_read_record(struct disk *disk, const struct key *key, const atomic_bool *cancel,
+                                  struct memory *memory, struct bytes *ret_record, struct bvhd_error *error)
+{
+    struct record_reading reading = {
+        .sink = {begin_record, room_of_record, append_record}, .cancel = cancel, .memory = memory};
+    enum bvhd_status status = BVHD_BUSY;
+    if (take_descriptors(disk->account, error)) {
+        status = read_record(disk, key, &reading, error);
+        give_descriptors(disk->account);
+    }
+    if (status == BVHD_OK)
+        *ret_record = (struct bytes){reading.bytes, reading.size};
+    return end_reading(disk, status);
 }
 
 /* ---- the rest ---- */

@@ -2,6 +2,9 @@
 /*
  * disk.h - the daemon's cache on disk: results that outlive the daemon, in a store (builder/store/store.h).
  *
+ * The record of a structure that was built with ALLOW_UPDATE is an entry of its own, under a key that follows from the
+ * structure's (content_key_of_record). It has no summary, by which a reader of results knows that it is none.
+ *
  * Workers read from it, and a thread of its own writes to it (disk_writer.h), so that neither the loop nor a reply
  * waits for a disk. A disk that fails, is full or holds damaged files costs builds and nothing else.
  */
@@ -44,7 +47,17 @@ void disk_close(struct disk *disk);
 enum bvhd_status disk_read(struct disk *disk, const struct key *key, const atomic_bool *cancel, struct blob **ret_blob,
                            struct bvhd_error *error);
 
-/* Queues a result to be written, or drops it if too much is queued. Never blocks: for the loop. */
+/*
+ * Reads the record of a key (builder/update/record.h) into a block from `memory`. Blocks: for workers. The statuses are
+ * those of disk_read; the bytes are not trusted.
+ */
+enum bvhd_status disk_read_record(struct disk *disk, const struct key *key, const atomic_bool *cancel,
+                                  struct memory *memory, struct bytes *ret_record, struct bvhd_error *error);
+
+/*
+ * Queues a result to be written, with its record if it has one, or drops it if too much is queued. Never blocks: for
+ * the loop.
+ */
 void disk_keep(struct disk *disk, struct blob *blob);
 
 /*

@@ -8,6 +8,7 @@
 #include <sys/mman.h>
 #include <time.h>
 
+#include "builder/content_key.h"
 #include "builder/summary.h"
 #include "daemon/system/log.h"
 #include "proto/base/clock.h"
@@ -85,11 +86,23 @@ static enum bvhd_status put_blob(struct disk_writer *writer, const struct blob *
     return status;
 }
 
-/* A result that exceeds the store's bound for one entry is no failure. */
+static enum bvhd_status put_record(struct disk_writer *writer, const struct blob *blob, struct bvhd_error *error)
+{
+    struct store_entry entry = {.size = blob->record.size};
+    enum bvhd_status status = content_key_of_record(&blob->key, &entry.key, error);
+    return status == BVHD_OK ? store_put(writer->store, &entry, blob->record.data, error) : status;
+}
+
+/*
+ * The record comes first, so that a result has it wherever it is. A result that exceeds the store's bound for one entry
+ * is no failure.
+ */
 static void write_blob(struct disk_writer *writer, const struct blob *blob)
 {
     struct bvhd_error error;
-    enum bvhd_status status = put_blob(writer, blob, &error);
+    enum bvhd_status status = blob->record.size > 0 ? put_record(writer, blob, &error) : BVHD_OK;
+    if (status == BVHD_OK)
+        status = put_blob(writer, blob, &error);
     if (status != BVHD_TOO_LARGE)
         report(writer, "disk_write_failed", status, &error);
 }

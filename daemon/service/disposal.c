@@ -34,7 +34,7 @@ void disposals_add(struct disposals *disposals, struct preparation *preparation)
     struct disposal *disposal = NULL;
     if (!preparation)
         return;
-    if (preparation->canonical.size > FREED_AT_ONCE)
+    if (preparation->entry.canonical.size > FREED_AT_ONCE)
         disposal = memory_alloc(disposals->memory, sizeof *disposal);
     if (!disposal) {
         admission_end(&disposals->admission->prepares[preparation->class], preparation->promised);

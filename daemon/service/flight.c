@@ -3,9 +3,8 @@
 
 #include <assert.h>
 
-#include "builder/build.h"
+#include "daemon/service/blob_make.h"
 #include "daemon/system/log.h"
-#include "builder/input/prepare.h"
 #include "proto/base/clock.h"
 #include "proto/base/container_of.h"
 
@@ -87,13 +86,6 @@ static void leave_table(struct flight *flight)
     while (*at != flight)
         at = &(*at)->next;
     *at = flight->next;
-}
-
-uint64_t flights_build_bytes(const struct preparation *preparation)
-{
-    const struct canonical *canonical = &preparation->canonical;
-    return preparation_build_bytes(canonical->primitive_count, canonical->vertex_count,
-                                   preparation->options.quality == QUALITY_HIGH);
 }
 
 static struct admission *admission_of(const struct flight *flight)
@@ -201,7 +193,7 @@ static void prepare_to_build(struct flight *flight)
 {
     const struct preparation *preparation = flight->preparation;
     flight->memory.claim =
-        (struct admission_claim){.bytes = flights_build_bytes(preparation), .class = preparation->class};
+        (struct admission_claim){.bytes = preparation_make_bytes(preparation), .class = preparation->class};
     flight->queued_ns = clock_ns();
     wait_for_memory(flight);
 }
@@ -295,40 +287,16 @@ uint32_t flight_thousandths(const struct flight_waiter *waiter)
 /* Runs on a worker. */
 static enum bvhd_status build_blob(struct flight *flight, const struct parallel *parallel)
 {
-    struct preparation *preparation = flight->preparation;
     struct memory memory;
-    struct blob_writer writer;
-    struct build_stats stats;
-    unsigned char *bytes;
     memory_init_within(&memory, admission_of(flight)->memory[flight->memory.claim.class], UINT64_MAX);
-    blob_writer_init(&writer, flight->flights->account);
     const struct build_context context = {
         .memory = &memory,
         .parallel = parallel,
         .cancel = &flight->job.cancel,
         .progress = note_progress,
         .progress_context = flight,
-        .output = &writer.output,
     };
-    enum bvhd_status status =
-        build(&preparation->canonical, &preparation->options, &context, &bytes, &stats, &flight->error);
-    if (status != BVHD_OK) {
-        if (status == BVHD_NO_MEMORY && writer.error.status != BVHD_OK) {
-            flight->error = writer.error;
-            status = writer.error.status;
-        }
-        memory_explain(&memory, &flight->error);
-        blob_writer_discard(&writer);
-        return status;
-    }
-    status = blob_writer_finish(&writer, &flight->blob, &flight->error);
-    if (status != BVHD_OK)
-        return status;
-    flight->blob->key = flight->key;
-    flight->blob->target = preparation->options.target;
-    flight->blob->stats = stats;
-    flight->blob->peak_bytes = atomic_load_explicit(&memory.peak, memory_order_relaxed);
-    return BVHD_OK;
+    return blob_make(flight->preparation, flight->flights->account, &context, &flight->blob, &flight->error);
 }
 
 static struct flight *flight_of_job(struct pool_job *job)
@@ -347,12 +315,22 @@ static void build_run(struct pool_job *job, const struct parallel *parallel)
     struct flight *flight = flight_of_job(job);
     flight->status = build_blob(flight, parallel);
     if (!is_shortage(flight->status))
-        prepare_finish(&flight->preparation->canonical, &flight->preparation->memory);
+        build_entry_finish(&flight->preparation->entry, &flight->preparation->memory);
+}
+
+static bool is_update(const struct flight *flight)
+{
+    return flight->preparation && flight->preparation->asked.mode == MODE_UPDATE;
 }
 
 static void count_end(struct flight *flight)
 {
     struct counters *counters = flight->flights->counters;
+    if (is_update(flight)) {
+        counters->refits_done += flight->status == BVHD_OK;
+        counters->refits_failed += flight->status != BVHD_OK;
+        return;
+    }
     counters->builds_done += flight->status == BVHD_OK;
     counters->builds_cancelled += flight->status == BVHD_CANCELLED;
     counters->builds_failed += flight->status != BVHD_OK && flight->status != BVHD_CANCELLED;
@@ -439,7 +417,7 @@ static void try_again_alone(struct flight *flight)
 /* The result of an update is made for one client, and its key is not asked for again. */
 static void keep_on_disk(struct flight *flight)
 {
-    if (flight->flights->disk && flight->preparation->asked.mode == MODE_BUILD)
+    if (flight->flights->disk && !is_update(flight))
         disk_keep(flight->flights->disk, flight->blob);
 }
 
@@ -491,11 +469,12 @@ static void start_build(struct memory_waiter *waiter)
         .run = build_run,
         .done = build_done,
         .flow = flight->turn->client->flow,
-        .size = flight->preparation->canonical.primitive_count,
+        .size = flight->preparation->entry.canonical.primitive_count,
         .priority = job_priority(flight->turn),
     };
     flights->running++;
-    flights->counters->builds_started++;
+    flights->counters->builds_started += !is_update(flight);
+    flights->counters->refits_started += is_update(flight);
     pool_submit(flights->pool, &flight->job);
     find_turn(flight);
 }
@@ -577,7 +556,7 @@ enum bvhd_status flights_start(struct flights *flights, const struct key *key, s
     flight->next = *bucket;
     *bucket = flight;
     add_waiter(flight, preparation, waiter);
-    if (flights->disk) {
+    if (flights->disk && !is_update(flight)) {
         look_on_disk(flight);
     } else {
         flights->counters->misses++;

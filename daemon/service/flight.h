@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * flight.h - in-flight builds, by key: equal structures that several clients ask for at the same time are built once.
+ * An update is a build that starts from its source; its result is not kept on disk.
  *
  * Where results are kept on disk, a flight first looks its key up there. If the disk has no result, the flight waits
  * for memory, then for threads; it is then built, and completes: its blob goes to the cache and to every waiter.
@@ -119,8 +120,5 @@ int flight_priority(const struct flight_waiter *waiter);
 
 /* Gives waiting flights to the pool as memory allows. */
 void flights_pump(struct flights *flights);
-
-/* Estimates the most bytes that a build needs at a time, without its canonical copy. */
-uint64_t flights_build_bytes(const struct preparation *preparation);
 
 #endif

@@ -3,11 +3,7 @@
 
 #include <assert.h>
 
-#include "builder/build.h"
-#include "builder/content_key.h"
 #include "proto/base/place.h"
-#include "builder/input/prepare.h"
-#include "builder/tier.h"
 #include "builder/input/validate.h"
 
 /*
@@ -62,13 +58,24 @@ static uint64_t geometry_bound(const struct geometry *geometry)
     }
 }
 
+/* The rows of a record's geometries are within GEOMETRY_BYTES. There is a bit for each primitive. */
+static uint64_t record_bound(const struct build_input *input)
+{
+    uint64_t primitives = 0;
+    if (input->mode != MODE_UPDATE && !(input->flags & BUILD_ALLOW_UPDATE))
+        return 0;
+    for (uint32_t i = 0; i < input->geometry_count; i++)
+        primitives = sum(primitives, input->geometries[i].range.primitive_count);
+    return primitives / 8;
+}
+
 uint64_t preparation_bound(const struct build_input *input)
 {
     uint64_t copy = 0;
     for (uint32_t i = 0; i < input->geometry_count; i++)
         copy = sum(copy, sum(geometry_bound(&input->geometries[i]), GEOMETRY_BYTES));
     copy = sum(copy, product(input->reference_count, REFERENCE_BYTES));
-    return sum(sum(copy, least(copy, MOVED_BYTES)), FIXED_BYTES);
+    return sum(sum(copy, least(copy, MOVED_BYTES)), sum(record_bound(input), FIXED_BYTES));
 }
 
 /*
@@ -108,6 +115,20 @@ uint64_t preparation_build_bytes(uint64_t primitives, uint64_t vertices, bool hi
     return sum(sum(product(primitives, high ? HIGH : CLUSTERS), product(vertices, VERTEX)), FIXED);
 }
 
+/* A refit has a box for each node of its source, which takes more bytes itself. */
+static uint64_t update_bytes(const struct update_source *source)
+{
+    return sum(source->blob ? source->blob->size : 0, FIXED_BYTES);
+}
+
+uint64_t preparation_make_bytes(const struct preparation *preparation)
+{
+    const struct build_entry *entry = &preparation->entry;
+    return entry->is_update ? update_bytes(&preparation->updated)
+                            : preparation_build_bytes(entry->canonical.primitive_count, entry->canonical.vertex_count,
+                                                      entry->options.quality == QUALITY_HIGH);
+}
+
 /* Bounds what the build of an input takes, whatever its quality turns out to be. */
 static uint64_t build_bound(const struct build_input *input)
 {
@@ -126,20 +147,15 @@ struct preparation *preparation_create(const struct control_item *item, uint32_t
                                        const struct preparation_source *source, struct memory *memory)
 {
     struct preparation *preparation = memory_alloc(memory, sizeof *preparation);
+    struct preparation_source taken = *source;
     if (!preparation) {
-        payload_unref(source->payload);
-        attachment_unref(source->attachment);
+        preparation_drop_source(&taken);
         return NULL;
     }
-    *preparation = (struct preparation){.asked = *item, .index = index, .source = *source, .within = memory};
-    preparation->options = (struct build_options){
-        .quality = (enum build_quality)item->quality,
-        .target = (enum target)item->target,
-        .layout_flags = item->layout_flags,
-        .device = item->device,
-        .rays_per_primitive = item->rays_per_primitive,
-        .builder = (enum build_builder)item->builder,
-    };
+    *preparation = (struct preparation){
+        .asked = *item, .index = index, .updated = {.blob = taken.updated, .memory = memory}, .within = memory};
+    taken.updated = NULL;
+    preparation->source = taken;
     memory_init_within(&preparation->memory, memory, UINT64_MAX);
     return preparation;
 }
@@ -150,19 +166,21 @@ void preparation_account(struct preparation *preparation, struct memory *memory)
     memory_init_within(&preparation->memory, memory, UINT64_MAX);
 }
 
-static void drop_source(struct preparation *preparation)
+void preparation_drop_source(struct preparation_source *source)
 {
-    payload_unref(preparation->source.payload);
-    attachment_unref(preparation->source.attachment);
-    preparation->source = (struct preparation_source){0};
+    payload_unref(source->payload);
+    attachment_unref(source->attachment);
+    blob_unref(source->updated);
+    *source = (struct preparation_source){0};
 }
 
 void preparation_destroy(struct preparation *preparation)
 {
     if (!preparation)
         return;
-    drop_source(preparation);
-    prepare_finish(&preparation->canonical, &preparation->memory);
+    preparation_drop_source(&preparation->source);
+    update_source_finish(&preparation->updated);
+    build_entry_finish(&preparation->entry, &preparation->memory);
     memory_free(preparation->within, preparation);
 }
 
@@ -209,17 +227,13 @@ static enum bvhd_status check_references(struct preparation *preparation, const 
 static enum bvhd_status prepare_input(struct preparation *preparation, const struct build_input *input,
                                       const struct build_context *context)
 {
-    struct bvhd_error *error = &preparation->error;
+    const struct build_entry_source source = {
+        .record = preparation->updated.blob ? update_source_record(&preparation->updated) : (struct bytes){NULL, 0}};
     enum bvhd_status status = check_references(preparation, input);
     if (status == BVHD_OK)
-        status = prepare(input, preparation->index, preparation->limits, context, &preparation->canonical, error);
-    memory_explain(&preparation->memory, error);
-    if (status != BVHD_OK)
-        return status;
-    preparation->options.quality = tier_resolve(&preparation->canonical, &input->options);
-    status = content_key(&preparation->canonical, &preparation->options, context, &preparation->key, error);
-    if (status != BVHD_OK)
-        prepare_finish(&preparation->canonical, &preparation->memory);
+        status = build_entry_prepare(input, preparation->index, preparation->limits, &source, context,
+                                     &preparation->entry, &preparation->error);
+    memory_explain(&preparation->memory, &preparation->error);
     return status;
 }
 
@@ -233,8 +247,19 @@ static struct build_input describe(const struct preparation *preparation)
         .destination = asked->destination,
         .source = asked->source,
         .source_key = asked->source_key,
-        .options = preparation->options,
+        .options = {.quality = (enum build_quality)asked->quality,
+                    .target = (enum target)asked->target,
+                    .layout_flags = asked->layout_flags,
+                    .device = asked->device,
+                    .rays_per_primitive = asked->rays_per_primitive,
+                    .builder = (enum build_builder)asked->builder},
     };
+}
+
+/* What the build or the update takes. */
+static uint64_t make_bound(const struct preparation *preparation, const struct build_input *input)
+{
+    return input->mode == MODE_UPDATE ? update_bytes(&preparation->updated) : build_bound(input);
 }
 
 static bool exceeds_promise(const struct preparation *preparation, uint64_t bytes, uint64_t build)
@@ -257,8 +282,11 @@ static enum bvhd_status run(struct preparation *preparation, const struct build_
         return status;
     status =
         validate_input_until(&input, preparation->index, preparation->limits, context->cancel, &preparation->error);
+    if (status == BVHD_OK && input.mode == MODE_UPDATE)
+        status = update_source_find(&preparation->updated, &input.source_key, preparation->index, context->cancel,
+                                    &preparation->error);
     uint64_t bound = status == BVHD_OK ? preparation_bound(&input) : 0;
-    uint64_t build = status == BVHD_OK ? build_bound(&input) : 0;
+    uint64_t build = status == BVHD_OK ? make_bound(preparation, &input) : 0;
     if (exceeds_promise(preparation, bound, build)) {
         preparation->needed = bound > preparation->promised ? bound : preparation->promised;
         preparation->needed_build = build;
@@ -274,5 +302,5 @@ void preparation_run(struct preparation *preparation, const struct parallel *par
     preparation->needed = 0;
     preparation->status = run(preparation, &context);
     if (preparation->needed == 0)
-        drop_source(preparation);
+        preparation_drop_source(&preparation->source);
 }

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * preparation.h - reads an item's payload into its canonical copy and computes its key, on a worker; holds both until
- * the build ends.
+ * preparation.h - reads an item's payload into its canonical copy and computes its key, on a worker; holds both, and
+ * the source of an update, until the build or the update ends.
  *
  * How much memory that takes is not known before the rows are read, because one byte of payload may stand for any
  * number of boxes. So a preparation starts with a promise that suits an ordinary payload. If the rows need more, it
@@ -12,17 +12,18 @@
 
 #include "daemon/service/admission.h"
 #include "daemon/service/attachment.h"
-#include "builder/format/canonical.h"
-#include "builder/context.h"
+#include "builder/update/build_entry.h"
+#include "daemon/service/update_source.h"
 #include "proto/wire/control.h"
 #include "proto/base/handle_table.h"
 #include "proto/base/request_limits.h"
 #include "proto/wire/rows.h"
 
-/* Where an item's bytes lie: in a payload, or in an attachment. */
+/* Where an item's bytes lie: in a payload, or in an attachment. And what it updates, if that is in memory. */
 struct preparation_source {
     struct payload *payload; /* a ref, or NULL */
     struct attachment *attachment; /* a ref, or NULL */
+    struct blob *updated; /* a ref, or NULL */
     uint64_t offset, size; /* checked for a payload; for an attachment, they are checked when it is open */
 };
 
@@ -39,6 +40,7 @@ struct preparation {
     struct preparation_source source;
     struct preparation_batch batch;
     const struct limits *limits;
+    struct update_source updated; /* of an update; the caller sets its disk. What is missing is found by the worker */
     uint64_t promised; /* bytes */
     uint64_t promised_build; /* bytes for the build that follows; only large preparations need that promise */
     enum admission_class class; /* of the promise */
@@ -47,9 +49,7 @@ struct preparation {
     struct bvhd_error error;
     /* 0, or bytes of which more than was promised are needed, here or for the build: then nothing else was done */
     uint64_t needed, needed_build;
-    struct canonical canonical; /* its arrays are from `memory` */
-    struct build_options options; /* as asked for; after success, with the quality that will be built */
-    struct key key;
+    struct build_entry entry; /* from `memory` */
     struct memory memory; /* counts what the preparation holds */
     struct memory *within; /* the account that the struct itself is from */
 };
@@ -60,6 +60,15 @@ uint64_t preparation_guess_build(const struct control_item *item);
 
 /* Estimates the most bytes that a build takes at a time, without its canonical copy. */
 uint64_t preparation_build_bytes(uint64_t primitives, uint64_t vertices, bool high);
+
+/*
+ * Estimates the most bytes that the build or the update takes at a time, beside what the preparation holds. Nothing is
+ * known of an update whose source was not found.
+ */
+uint64_t preparation_make_bytes(const struct preparation *preparation);
+
+/* Drops the refs of a source. */
+void preparation_drop_source(struct preparation_source *source);
 
 /* Takes the refs of `source`, also when it fails; returns NULL without memory. */
 struct preparation *preparation_create(const struct control_item *item, uint32_t index,

@@ -94,6 +94,8 @@ static struct control_summary summary_of(const struct blob *blob)
         .quality = stats->quality,
         .sah = stats->sah,
         .build_ms = blob->build_ms,
+        .decay = blob->refit.decay,
+        .refits = blob->refit.refits,
     };
     snprintf(summary.method, sizeof summary.method, "%s", stats->method);
     memcpy(summary.bounds, &stats->bounds, sizeof summary.bounds);
@@ -115,17 +117,10 @@ static void answer_blob(struct item *item, struct blob *blob, enum result_origin
     answer(item, &result, blob);
 }
 
-static void drop_source(struct preparation_source *source)
-{
-    payload_unref(source->payload);
-    attachment_unref(source->attachment);
-    *source = (struct preparation_source){0};
-}
-
 void item_refuse(struct item *item, const struct bvhd_error *error)
 {
     item_enter(item, ITEM_ANSWERED);
-    drop_source(&item->source);
+    preparation_drop_source(&item->source);
     if (item->request->is_build)
         item_note_prepared(item);
     answer_error(item, error);
@@ -284,7 +279,7 @@ static void withdraw(struct item *item)
     switch (item->state) {
     case ITEM_WAITING:
         memory_queue_remove(&service->preparing, &item->memory);
-        drop_source(&item->source);
+        preparation_drop_source(&item->source);
         preparation_destroy(item_take_preparation(item));
         item_enter(item, ITEM_ANSWERED);
         if (item->request->is_build)

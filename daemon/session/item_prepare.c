@@ -51,7 +51,7 @@ static void trim_promise(struct item *item)
 {
     struct preparation *preparation = item->preparation;
     struct admission *admission = &item_service(item)->admission;
-    uint64_t build = preparation->status == BVHD_OK ? flights_build_bytes(preparation) : 0;
+    uint64_t build = preparation->status == BVHD_OK ? preparation_make_bytes(preparation) : 0;
     if (build < preparation->promised_build) {
         admission_expect_end(admission, preparation->class, preparation->promised_build);
         admission_expect(admission, preparation->class, build);
@@ -78,10 +78,12 @@ static void finish_preparing(struct item *item)
     struct preparation *preparation = item->preparation;
     item_note_prepared(item);
     trim_promise(item);
+    if (preparation->updated.is_read)
+        cache_put(service->cache, preparation->updated.blob);
     service->counters.prepares_done += preparation->status == BVHD_OK;
     service->counters.prepares_failed += preparation->status != BVHD_OK;
     if (preparation->status == BVHD_OK) {
-        item->key = preparation->key;
+        item->key = preparation->entry.key;
         item_find_result(item);
         return;
     }
@@ -132,6 +134,7 @@ static bool make_preparation(struct item *item)
         return false;
     item->preparation->batch = (struct preparation_batch){request->destinations, request->destination_count};
     item->preparation->limits = &service->options.limits;
+    item->preparation->updated.disk = service->disk;
     return true;
 }
 
@@ -183,9 +186,18 @@ static void start_preparing(struct memory_waiter *waiter)
     submit_prepare(item);
 }
 
+/* An update holds its source from its start on, so that an eviction does not matter. */
+static void hold_source(void *context, struct blob *blob)
+{
+    struct item *item = context;
+    item->source.updated = blob ? blob_ref(blob) : NULL;
+}
+
 void item_start(struct item *item)
 {
     struct bvhd_error error;
+    if (item->asked.mode == MODE_UPDATE)
+        cache_get(item_service(item)->cache, &item->asked.source_key, hold_source, item);
     item->memory.start = start_preparing;
     item->memory.claim.bytes = preparation_guess(&item->asked);
     item->memory.claim.build = preparation_guess_build(&item->asked);

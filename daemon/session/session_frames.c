@@ -32,6 +32,7 @@ static void welcome(struct session *session, uint64_t request)
         .max_pool = service->options.max_pool,
         .max_payload = service->options.memory,
         .builders = service->builders,
+        .updates = true,
         .max_held = user_promise(&session->client.member, session->releases ? HELD_DIVISOR : 0),
     };
     struct bytes control;

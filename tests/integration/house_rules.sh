@@ -50,12 +50,12 @@ builder/top                 proto/base builder/format builder/kernel builder/inp
 builder                     proto/base builder/format builder/kernel builder/input builder/piece builder/wide
                             builder/top
 builder/update              proto/base builder/format builder/kernel builder/input builder
-builder/local               proto/base builder/format builder/input builder
+builder/local               proto/base builder/format builder/input builder builder/update
 builder/store               proto/base
 daemon/system               proto/base
 daemon/pool                 proto/base
-daemon/service              proto/base proto/wire builder/format builder/input builder builder/store daemon/system
-                            daemon/pool
+daemon/service              proto/base proto/wire builder/format builder/input builder builder/store builder/update
+                            daemon/system daemon/pool
 daemon/session              proto/base proto/wire builder/input builder daemon/system daemon/service
 daemon/socket               proto/base proto/wire daemon/system daemon/service daemon/session
 daemon                      proto/base daemon/system daemon/pool daemon/service daemon/socket

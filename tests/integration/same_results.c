@@ -337,6 +337,7 @@ static void compare_results(const char *name, const struct bvhd_result *a, const
     expect(!memcmp(a->bounds, b->bounds, sizeof a->bounds), name, "bounds");
     expect(!memcmp(a->slabs, b->slabs, sizeof a->slabs), name, "slabs");
     expect(a->target == b->target && a->quality == b->quality, name, "target and quality");
+    expect(a->decay == b->decay && a->refits == b->refits, name, "decay and refits");
 }
 
 static void compare(uint32_t number, const struct outcome *a, const struct outcome *b)
@@ -362,6 +363,171 @@ static struct bvhd_client *make_client(const char *socket, enum bvhd_local local
     return client;
 }
 
+/* ---- updates ---- */
+
+enum { STEPS = 3, OTHER = 10 };
+
+/* Changes everything that an update may change. */
+static void move(struct request *request, uint32_t step)
+{
+    for (uint32_t i = 0; i < VERTICES * 3; i++)
+        request->vertices[i] += (float)(i * (step + 3) % 11) - 5;
+    for (uint32_t i = 0; i < 24; i++)
+        request->boxes[i] += (float)step * (i % 6 < 3 ? -1 : 1);
+    for (uint32_t i = 0; i < INSTANCES; i++) {
+        request->instances[i].transform.matrix[1][3] += (float)(i * step);
+        request->instances[i].mask = 15 + step;
+    }
+}
+
+/*
+ * Describes updates of the results of a batch that built all infos with ALLOW_UPDATE: in place, or from other numbers
+ * to those that the infos have. The top level, info 3, names what info 1 makes.
+ */
+static void describe_update(struct request *request, struct bvhd_batch *sources, bool in_place,
+                            struct bvhd_reference references[INFOS])
+{
+    for (uint32_t i = 0; i < INFOS; i++) {
+        uint64_t handle = i + 1 + (in_place ? 0 : OTHER);
+        request->infos[i].mode = VK_BUILD_ACCELERATION_STRUCTURE_MODE_UPDATE_KHR;
+        request->infos[i].srcAccelerationStructure = (VkAccelerationStructureKHR)(uintptr_t)handle;
+        references[i] =
+            (struct bvhd_reference){.handle = handle, .has_key = 1, .key = bvhd_batch_result(sources, i)->key};
+    }
+    request->build.references = references;
+    request->build.reference_count = INFOS;
+}
+
+static struct bvhd_batch *run(struct bvhd_client *client, const struct request *request)
+{
+    struct bvhd_batch *batch = NULL;
+    struct bvhd_error error;
+    if (bvhd_batch_submit(client, &request->build, &batch, &error) != BVHD_OK) {
+        printf("submit: %s: %s\n", error.where, error.text);
+        exit(1);
+    }
+    bvhd_batch_wait(batch, -1);
+    return batch;
+}
+
+static void compare_updates(const char *name, struct bvhd_batch *const batches[2], uint32_t refits)
+{
+    for (uint32_t i = 0; i < INFOS; i++) {
+        const struct bvhd_result *a = bvhd_batch_result(batches[0], i), *b = bvhd_batch_result(batches[1], i);
+        compare_results(name, a, b);
+        expect(a->error.status == BVHD_OK, name, a->error.text);
+        expect(a->refits == refits && (a->decay > 0) == (refits > 0), name, "it is no update, or no build");
+    }
+}
+
+/* A chain of updates; the last one goes to other numbers. Each batch is destroyed before the next but one begins. */
+static void compare_chain(struct bvhd_client *const clients[2], struct request *request)
+{
+    struct bvhd_batch *batches[2], *last[2];
+    struct bvhd_reference references[INFOS];
+    describe(request);
+    for (uint32_t i = 0; i < INFOS; i++)
+        request->infos[i].flags = VK_BUILD_ACCELERATION_STRUCTURE_ALLOW_UPDATE_BIT_KHR;
+    for (int k = 0; k < 2; k++)
+        batches[k] = run(clients[k], request);
+    compare_updates("updatable", batches, 0);
+    for (uint32_t step = 1; step <= STEPS; step++) {
+        move(request, step);
+        for (int k = 0; k < 2; k++) {
+            last[k] = batches[k];
+            describe_update(request, last[k], step < STEPS, references);
+            batches[k] = run(clients[k], request);
+            bvhd_batch_destroy(last[k]);
+        }
+        compare_updates("update", batches, step);
+    }
+    for (int k = 0; k < 2; k++)
+        bvhd_batch_destroy(batches[k]);
+}
+
+/* What is wrong with an update of info 0, and what info 0 was built from. */
+struct wrong_update {
+    const char *name;
+    enum bvhd_status status;
+    void (*change)(struct request *request, struct bvhd_reference *reference);
+};
+
+#define WRONG(name, statement)                                                                                         \
+    static void name(struct request *request, struct bvhd_reference *reference)                                        \
+    {                                                                                                                  \
+        (void)request, (void)reference;                                                                                \
+        statement;                                                                                                     \
+    }
+
+WRONG(lost_source, reference->key.bytes[3] ^= 1)
+WRONG(no_source, request->infos[0].srcAccelerationStructure = VK_NULL_HANDLE)
+WRONG(unnamed_source, reference->handle++)
+WRONG(keyless_source, reference->has_key = 0; reference->bounds[3] = 1)
+WRONG(source_is_made, request->infos[0].srcAccelerationStructure = (VkAccelerationStructureKHR)2)
+WRONG(other_flags, request->infos[0].flags |= VK_BUILD_ACCELERATION_STRUCTURE_ALLOW_COMPACTION_BIT_KHR)
+WRONG(no_flags, request->infos[0].flags = 0)
+WRONG(other_count, request->ranges[0][0].primitiveCount--)
+WRONG(other_indices, request->indices[2]++)
+WRONG(goes_inactive, request->vertices[0] = NAN; request->vertices[21] = NAN)
+WRONG(other_layout, request->build.layout_flags = BVHD_PORTABLE_FAST_TRIANGLES)
+
+static const struct wrong_update wrong_updates[] = {
+    {"lost_source", BVHD_SOURCE_LOST, lost_source},
+    {"no_source", BVHD_INVALID, no_source},
+    {"unnamed_source", BVHD_INVALID, unnamed_source},
+    {"keyless_source", BVHD_INVALID, keyless_source},
+    {"source_is_made", BVHD_INVALID, source_is_made},
+    {"other_flags", BVHD_INVALID, other_flags},
+    {"no_flags", BVHD_INVALID, no_flags},
+    {"other_count", BVHD_INVALID, other_count},
+    {"other_indices", BVHD_INVALID, other_indices},
+    {"goes_inactive", BVHD_INVALID, goes_inactive},
+    {"other_layout", BVHD_INVALID, other_layout},
+};
+
+/* `flags` are those of the source; 0: nothing may update it. */
+static void compare_wrong_update(struct bvhd_client *const clients[2], struct request *request, uint32_t flags,
+                                 const struct wrong_update *wrong)
+{
+    struct bvhd_batch *source, *batches[2];
+    for (int k = 0; k < 2; k++) {
+        struct bvhd_reference reference;
+        describe(request);
+        request->infos[0].flags = flags;
+        source = run(clients[k], request);
+        request->infos[0].flags = VK_BUILD_ACCELERATION_STRUCTURE_ALLOW_UPDATE_BIT_KHR;
+        request->infos[0].mode = VK_BUILD_ACCELERATION_STRUCTURE_MODE_UPDATE_KHR;
+        request->infos[0].srcAccelerationStructure = (VkAccelerationStructureKHR)7;
+        reference = (struct bvhd_reference){.handle = 7, .has_key = 1, .key = bvhd_batch_result(source, 0)->key};
+        request->build.references = &reference;
+        request->build.reference_count = 1;
+        wrong->change(request, &reference);
+        batches[k] = run(clients[k], request);
+        bvhd_batch_destroy(source);
+    }
+    const struct bvhd_result *results[2] = {bvhd_batch_result(batches[0], 0), bvhd_batch_result(batches[1], 0)};
+    compare_results(wrong->name, results[0], results[1]);
+    expect(results[0]->error.status == wrong->status, wrong->name, results[0]->error.text);
+    expect(bvhd_batch_result(batches[0], 2)->error.status == BVHD_OK, wrong->name, "another item fails");
+    for (int k = 0; k < 2; k++)
+        bvhd_batch_destroy(batches[k]);
+}
+
+WRONG(not_updatable, (void)0)
+
+static void compare_all_updates(struct bvhd_client *const clients[2])
+{
+    static const struct wrong_update plain = {"not_updatable", BVHD_INVALID, not_updatable};
+    struct request *request = malloc(sizeof *request);
+    if (!request)
+        exit(1);
+    compare_chain(clients, request);
+    for (size_t i = 0; i < sizeof wrong_updates / sizeof *wrong_updates; i++)
+        compare_wrong_update(clients, request, VK_BUILD_ACCELERATION_STRUCTURE_ALLOW_UPDATE_BIT_KHR, &wrong_updates[i]);
+    compare_wrong_update(clients, request, 0, &plain);
+    free(request);
+}
+
 int main(int argc, char **argv)
 {
     static const char *const one_thread[] = {"--workers", "1", NULL}; /* as the builds here: peaks depend on it */
@@ -379,6 +545,7 @@ int main(int argc, char **argv)
     }
     for (uint32_t i = 0; i < 2 * CASES; i++)
         bvhd_batch_destroy(outcomes[i / 2][i % 2].batch);
+    compare_all_updates(clients);
     for (int k = 0; k < 2; k++)
         bvhd_client_destroy(clients[k]);
     printf("%d cases, %u differences\n", (int)CASES, failures);

@@ -43,6 +43,28 @@ class LocalTest(unittest.TestCase):
             texts.add(str(raised.exception))
         self.assertEqual(len(texts), 1, texts)
 
+    def test_updates(self):
+        flags = bvhd.BuildFlags.ALLOW_UPDATE
+        frames = []
+        for local in (bvhd.Local.NEVER, bvhd.Local.ALWAYS):
+            client = self.client(local=local)
+            mesh = bvhd.BottomLevel([bvhd.Triangles(CORNERS, FACES)], flags=flags)
+            last = [client.build(mesh)]
+            last.append(client.build(bvhd.TopLevel([last[0], last[0]], flags=flags)))
+            for step in range(1, 4):
+                moved = bvhd.Triangles(CORNERS * np.float32(1 + step), FACES)
+                below = bvhd.BottomLevel([moved], flags=flags, source=last[0])
+                above = bvhd.TopLevel([below, below], flags=flags, source=last[1].reference())
+                last = client.build([below, above])
+                self.assertEqual([one.statistics["refits"] for one in last], [step, step])
+                self.assertGreater(last[0].statistics["decay"], 0)
+                frames.append([bytes(one) for one in last])
+            unknown = bvhd.Reference(bytes(range(32)))
+            with self.assertRaises(bvhd.Error) as raised:
+                client.build(bvhd.BottomLevel(mesh.geometries, flags, source=unknown))
+            self.assertEqual(raised.exception.status, bvhd.Status.SOURCE_LOST)
+        self.assertEqual(frames[:3], frames[3:])
+
     def test_fetch_while_a_batch_has_it(self):
         client = self.client(local=bvhd.Local.ALWAYS)
         with client.submit([bvhd.Triangles(CORNERS, FACES)]) as batch:

@@ -42,6 +42,8 @@ struct reading {
 static enum bvhd_status begin(struct store_sink *sink, const struct store_entry *entry, struct bvhd_error *error)
 {
     struct reading *reading = container_of(sink, struct reading, sink);
+    if (entry->summary.size == 0)
+        return bvhd_error_set(error, BVHD_NOT_FOUND, "summary", "the entry is the record of a result");
     enum bvhd_status status = summary_read(entry->summary, entry->size, &reading->summary, error);
     if (status != BVHD_OK)
         return status;

@@ -98,10 +98,7 @@ struct bvhd_connections; /* The service's connections at one time. */
 /* The version of the library at run time, for example "0.1.0". A static string. */
 BVHD_API const char *bvhd_version(void);
 
-/*
- * ---- Keys: the names of immutable bytes. A program that knows a key may fetch the bytes: keep keys as secret as the
- * bytes. ----
- */
+/* ---- Keys: the names of immutable bytes, and as secret: a program that knows a key may fetch the bytes. ---- */
 
 enum { BVHD_KEY_SIZE = 32, BVHD_KEY_TEXT_SIZE = 65 };
 
@@ -247,22 +244,21 @@ BVHD_API enum bvhd_status bvhd_format_from_probe(const void *probe, uint64_t siz
 /* Returns the name of a target, "portable" or "lavapipe", as a static string; NULL for an unknown number. */
 BVHD_API const char *bvhd_target_name(enum bvhd_target target);
 
-enum {
-    /* layout_flags: three float4 per triangle instead of shared, indexed vertices */
-    BVHD_PORTABLE_FAST_TRIANGLES = 0x1,
-};
+/* layout_flags: three float4 per triangle instead of shared, indexed vertices */
+enum { BVHD_PORTABLE_FAST_TRIANGLES = 0x1 };
 
 /* Orders the batches of one client. The service shares its time fairly between clients, whatever their priorities. */
 enum bvhd_priority { BVHD_PRIORITY_LOW = -1, BVHD_PRIORITY_NORMAL = 0, BVHD_PRIORITY_HIGH = 1 };
 
 /*
  * A bottom level that instances may reference, as its result describes it: bvhd_reference_from_result makes one. With a
- * key, `bounds` and `slabs` may be left out: the service then takes those of the structure that has this key.
+ * key, `bounds` and `slabs` may be left out: the service then takes those of the structure that has this key. It is
+ * also how an update names what it updates, for which the key is enough.
  */
 struct bvhd_reference {
     /*
-     * The VkAccelerationStructureKHR in the instances, as a number: not 0, unique within the call, and not what an info
-     * of the call builds.
+     * The VkAccelerationStructureKHR in the instances, or the srcAccelerationStructure of an update, as a number: not
+     * 0, unique within the call, and not what an info of the call builds, unless that info updates it in place.
      */
     uint64_t handle;
     int has_key; /* 1: `key` is set; 0: it is not */
@@ -289,7 +285,7 @@ struct bvhd_build {
     const VkAccelerationStructureBuildRangeInfoKHR *const *ranges;
     /*
      * The structures that instances of any info may reference, in addition to the bottom levels that this call builds:
-     * those are named by their dstAccelerationStructure.
+     * those are named by their dstAccelerationStructure. And the sources of updates, which may be top levels, too.
      */
     const struct bvhd_reference *references;
     uint32_t reference_count;
@@ -333,12 +329,22 @@ struct bvhd_build {
  * fails with that status and the place "build.references[3].key": BVHD_NOT_FOUND if the service does not have the
  * structure, or no longer, and BVHD_INVALID if it is a top level.
  *
+ * An info of the mode UPDATE gives the tree of its source other positions, boxes, matrices or instances, much quicker
+ * than a build. srcAccelerationStructure is the handle of an entry of build.references with the source's key, a result
+ * that was built with ALLOW_UPDATE, or an update of one. What Vulkan's rules about updates name has to be as in the
+ * source, and so have target, layout_flags and format; quality, builder and rays_per_primitive are ignored. The result
+ * has a new key, which the next update names, and the source stays as it is. If it is also dstAccelerationStructure,
+ * instances of the call name the new structure by it. Sources are kept for a while only, updates never on disk; where
+ * this process builds, they are those whose blobs it still holds. What is not there any more when the request
+ * arrives is BVHD_SOURCE_LOST, at "infos[3].srcAccelerationStructure": build again.
+ *
  * An info that breaks a rule has that error as its result, as does every info that the service refuses:
  * BVHD_UNSUPPORTED when the daemon's version does not know the target, does not take a rays_per_primitive other than 0
- * where it would matter, or has no Embree that could be the builder. The call itself fails only with BVHD_NO_MEMORY,
- * with BVHD_INVALID if the struct bvhd_build or one of its references is wrong, as "build.references[3].handle", or
- * with BVHD_UNSUPPORTED and the place "options.local_threads" if there is no daemon and no thread may build; where that
- * shows later, it is the items' error. The caller destroys the batch with bvhd_batch_destroy.
+ * where it would matter, has no Embree that could be the builder, or does not know updates. The call itself fails only
+ * with BVHD_NO_MEMORY, with BVHD_INVALID if the struct bvhd_build or one of its references is wrong, as
+ * "build.references[3].handle", or with BVHD_UNSUPPORTED and the place "options.local_threads" if there is no daemon
+ * and no thread may build; where that shows later, it is the items' error. The caller destroys the batch with
+ * bvhd_batch_destroy.
  */
 BVHD_API enum bvhd_status bvhd_batch_submit(struct bvhd_client *client, const struct bvhd_build *build,
                                             struct bvhd_batch **ret_batch, struct bvhd_error *ret_error);
@@ -450,7 +456,7 @@ struct bvhd_result {
     double original_build_ms; /* duration of the build that made the bytes, whichever request caused it */
     /*
      * the algorithm that built it: "ploc", "spatial", "binned", by Embree "embree-low", "embree-medium", "embree-high",
-     * or "none" if there are no primitives
+     * "refit" for an update, or "none" if there are no primitives
      */
     const char *method;
     float bounds[6]; /* minimum, maximum: for bvhd_reference_from_result */
@@ -461,6 +467,9 @@ struct bvhd_result {
     float slabs[20];
     enum bvhd_target target; /* the format of the bytes */
     enum bvhd_quality quality; /* the quality that was built: FAST, BALANCED or HIGH, whatever was requested */
+    /* Of an update: the expected cost of tracing it, over that of the last build: 2 is twice as dear. 0: a build. */
+    double decay;
+    uint32_t refits; /* updates since the last build, this one included; 0: a build */
 };
 
 /*
@@ -477,9 +486,7 @@ BVHD_API const struct bvhd_result *bvhd_batch_result(struct bvhd_batch *batch, u
 BVHD_API enum bvhd_status bvhd_reference_from_result(const struct bvhd_result *result, uint64_t handle,
                                                      struct bvhd_reference *ret_reference);
 
-/*
- * ---- Blobs: the bytes of results, which may outlive batch and client. References are counted, from any thread. ----
- */
+/* ---- Blobs: bytes of results, which may outlive batch and client. References are counted, from any thread. ---- */
 
 /*
  * Takes another reference and returns `blob`. The bytes are freed with the last reference; bvhd_blob_unref allows NULL.

@@ -240,6 +240,8 @@ class Result(c.Structure):
         ("slabs", c.c_float * 20),
         ("target", c.c_int),
         ("quality", c.c_int),
+        ("decay", c.c_double),
+        ("refits", c.c_uint32),
     ]
 
 

@@ -40,6 +40,8 @@ from .geometry import (
     as_structure,
 )
 
+_MODE_UPDATE = 1  # VK_BUILD_ACCELERATION_STRUCTURE_MODE_UPDATE_KHR
+
 # Waits are cut into slices, so that Ctrl-C interrupts them.
 _SLICE_MS = 100
 
@@ -148,6 +150,9 @@ class _Request:
         info.type = 0 if top else 1
         info.flags = structure.flags
         info.dstAccelerationStructure = structure.handle
+        if structure.source is not None:
+            info.mode = _MODE_UPDATE
+            info.srcAccelerationStructure = structure.source.handle
         info.geometryCount = len(geometries)
         info.pGeometries = structs
         self.ranges[i] = c.cast(extents, c.POINTER(s.Range))
@@ -158,6 +163,9 @@ class _Request:
         named: dict[int, Reference] = {}
         own = {structure.handle for structure in structures}
         for structure in structures:
+            if structure.source is not None:
+                source = _reference_of(structure.source)
+                named[source.handle] = source
             if isinstance(structure, TopLevel):
                 for below in structure.structures:
                     # Bottom levels of this batch are named by the handles of their infos.
@@ -165,12 +173,16 @@ class _Request:
                         if below.handle not in own:
                             raise ValueError("a top level names a bottom level of another batch")
                         continue
-                    reference = below if isinstance(below, Reference) else below.reference()
+                    reference = _reference_of(below)
                     named[reference.handle] = reference
         references = (s.Reference * len(named))()
         for struct, reference in zip(references, named.values()):
             reference._fill(struct)
         return references
+
+
+def _reference_of(value: Any) -> Reference:
+    return value if isinstance(value, Reference) else value.reference()  # type: ignore
 
 
 class Batch:

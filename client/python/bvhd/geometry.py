@@ -189,10 +189,15 @@ Geometry = Union[Triangles, Aabbs]
 
 @dataclass(frozen=True, eq=False)
 class BottomLevel:
-    """A structure over geometries of one kind: triangles or boxes."""
+    """A structure over geometries of one kind: triangles or boxes.
+
+    source: the result that this one updates, or a reference to it: the same geometries, moved. It
+        was built with BuildFlags.ALLOW_UPDATE, and so is this one.
+    """
 
     geometries: Sequence[Geometry]
     flags: BuildFlags = BuildFlags.NONE
+    source: Optional[Any] = None
     handle: int = field(default_factory=lambda: next(_handles), init=False)
 
 
@@ -236,6 +241,7 @@ class TopLevel:
     transforms: float32 of shape (n, 3, 4), from the structure's space to this one's; by default the
         identity.
     custom_indices, masks, record_offsets, instance_flags: one number for all, or an array of n.
+    source: the top level that this one updates, as for BottomLevel: as many instances.
     """
 
     def __init__(
@@ -250,8 +256,10 @@ class TopLevel:
         instance_flags: npt.ArrayLike = InstanceFlags.NONE,
         flags: BuildFlags = BuildFlags.NONE,
         geometry_flags: GeometryFlags = GeometryFlags.NONE,
+        source: Optional[Any] = None,
     ) -> None:
         self.structures = list(structures)
+        self.source = source
         self.flags = flags
         self.geometry_flags = geometry_flags
         self.handle = next(_handles)

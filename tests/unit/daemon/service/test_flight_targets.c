@@ -118,14 +118,14 @@ static void check_promises(uint32_t triangles, uint64_t most)
             ask(client, ++request, &input, 1);
             struct canonical_geometry geometry = {.type = GEOMETRY_TRIANGLES};
             const struct preparation preparation = {
-                .options = input.options,
-                .canonical = {.geometry_count = 1,
-                              .geometries = &geometry,
-                              .primitive_count = triangles,
-                              .vertex_count = 3 * triangles},
+                .entry = {.options = input.options,
+                          .canonical = {.geometry_count = 1,
+                                        .geometries = &geometry,
+                                        .primitive_count = triangles,
+                                        .vertex_count = 3 * triangles}},
             };
             uint64_t peak = world_result(client, request, 0)->result->summary.peak_bytes,
-                     promised = flights_build_bytes(&preparation);
+                     promised = preparation_make_bytes(&preparation);
             if (peak > promised || promised > most * peak)
                 fail_msg("%u triangles, target %d, quality %d: %llu promised, %llu taken", triangles, target, quality,
                          (unsigned long long)promised, (unsigned long long)peak);

@@ -92,7 +92,7 @@ static void check_key(const struct preparation *preparation, const struct build_
     balanced.options.quality = QUALITY_BALANCED;
     assert_int_equal(batch_build(&balanced, 1, &limits, &context, &item, NULL), BVHD_OK);
     assert_int_equal(preparation->status, BVHD_OK);
-    assert_memory_equal(&preparation->key, &item.key, sizeof item.key);
+    assert_memory_equal(&preparation->entry.key, &item.key, sizeof item.key);
     batch_finish(&item, 1, &memory);
 }
 
@@ -125,8 +125,8 @@ static void test_hints(void **state)
         struct preparation *preparation = create(&test.input);
         run(preparation);
         assert_int_equal(preparation->status, BVHD_OK);
-        assert_int_equal(preparation->options.quality, QUALITY_FAST);
-        keys[i] = preparation->key;
+        assert_int_equal(preparation->entry.options.quality, QUALITY_FAST);
+        keys[i] = preparation->entry.key;
         preparation_destroy(preparation);
     }
     assert_true(key_equal(&keys[0], &keys[1]) && key_equal(&keys[0], &keys[2]));
@@ -152,7 +152,7 @@ static void test_it_asks_for_what_it_needs(void **state)
     run(preparation);
     assert_int_equal(preparation->needed, 0);
     assert_int_equal(preparation->status, BVHD_OK);
-    assert_int_equal(preparation->canonical.primitive_count, 1000000);
+    assert_int_equal(preparation->entry.canonical.primitive_count, 1000000);
     assert_true(atomic_load(&preparation->memory.peak) <= preparation->promised);
     preparation_destroy(preparation);
 }
@@ -295,7 +295,7 @@ static void test_truncated_payloads(void **state)
             else
                 assert_memory_equal(preparation->error.where, "infos[3]", 8);
             assert_true(preparation->status == BVHD_OK ? cut + ROWS_ALIGNMENT > size
-                                                       : preparation->canonical.owned == NULL);
+                                                       : preparation->entry.canonical.owned == NULL);
             preparation_destroy(preparation);
         }
     }

@@ -96,8 +96,8 @@ static void dispose_of_a_large_copy(struct service *service)
     struct preparation *preparation = preparation_create(&item, 0, &source, &service->memory);
     assert_non_null(preparation);
     preparation->class = ADMISSION_LARGE;
-    preparation->promised = preparation->canonical.size = 2 << 20;
-    preparation->canonical.owned = memory_alloc(&preparation->memory, preparation->canonical.size);
+    preparation->promised = preparation->entry.canonical.size = 2 << 20;
+    preparation->entry.canonical.owned = memory_alloc(&preparation->memory, preparation->entry.canonical.size);
     admission_give(&service->admission.prepares[ADMISSION_LARGE], preparation->promised);
     admission_expect(&service->admission, ADMISSION_LARGE, preparation->promised_build);
     disposals_add(&service->disposals, preparation);
