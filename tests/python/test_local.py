@@ -8,6 +8,8 @@ import threading
 import time
 import unittest
 
+import numpy as np
+
 import bvhd
 from test_client import CORNERS, FACES, waves
 
