@@ -11,6 +11,7 @@
 
 enum exit_code command_build(const struct options *options);
 enum exit_code command_cache(const struct options *options);
+enum exit_code command_update(const struct options *options);
 enum exit_code command_check(const struct options *options);
 enum exit_code command_inspect(const struct options *options);
 enum exit_code command_trace(const struct options *options);

@@ -25,6 +25,8 @@ static enum exit_code run(const struct options *options)
     switch (options->command) {
     case COMMAND_BUILD:
         return command_build(options);
+    case COMMAND_UPDATE:
+        return command_update(options);
     case COMMAND_CHECK:
         return command_check(options);
     case COMMAND_INSPECT:

@@ -78,6 +78,14 @@ printed trace trace ball.bvhd --device cpu -o ball.png --size 16x16
 "$bvhd" --socket s --cache daemon 2>log &
 daemon=$!
 expect "a daemon: $(cat log)" "$bvhctl" --socket s --connect-timeout 30 --quiet ping --json >/dev/null
+"$bvhctl" build ball.ply -o moving --flags allow-update --socket s -q
+printed update update moving ball.ply --socket s --decay 0.01
+printed update update moving ball.ply --socket s
+"$make_scene" dance --size 1000 -o dance.glb >/dev/null
+"$bvhctl" build dance.glb --at 0 -o dance --flags allow-update --socket s -q
+"$make_scene" dance --size 2000 -o dance.glb >/dev/null
+printed update update dance dance.glb --socket s
+cp moving/manifest.json printed/manifest.6
 printed stats stats --socket s
 printed clients clients --socket s
 printed top top --socket s --count 1

@@ -14,6 +14,7 @@ static const struct {
     struct completion_row row;
 } values[] = {
     {'o', ON_BUILD, {COMPLETION_FILE, NULL, built_endings}},
+    {'o', ON_UPDATE, {COMPLETION_FILE, NULL, built_endings}},
     {'o', ON_TRACE, {COMPLETION_FILE, NULL, "*.png"}},
     {'o', ON_GET, {COMPLETION_FILE, NULL, "*.as"}},
     {'o', ON_PROBE, {COMPLETION_FILE, NULL, "*.probe"}},
@@ -38,6 +39,8 @@ static const struct {
     {OPTION_SEED, ~0u, {COMPLETION_TEXT, NULL, NULL}},
     {OPTION_SCENE, ~0u, {COMPLETION_TEXT, NULL, NULL}},
     {OPTION_AT, ~0u, {COMPLETION_TEXT, NULL, NULL}},
+    {OPTION_FRAMES, ~0u, {COMPLETION_TEXT, NULL, NULL}},
+    {OPTION_DECAY, ~0u, {COMPLETION_TEXT, NULL, NULL}},
     {OPTION_ANIMATION, ~0u, {COMPLETION_TEXT, NULL, NULL}},
     {OPTION_SIZE, ~0u, {COMPLETION_TEXT, NULL, NULL}},
     {OPTION_EYE, ~0u, {COMPLETION_TEXT, NULL, NULL}},
@@ -57,6 +60,7 @@ static const struct {
 } operands[COMMAND_COUNT] = {
     [COMMAND_BUILD] = {scene_endings, scene_endings, NULL},
     [COMMAND_CHECK] = {built_endings, scene_endings, NULL},
+    [COMMAND_UPDATE] = {built_endings, scene_endings, NULL},
     [COMMAND_INSPECT] = {"*.as *.bvhd *.probe", NULL, NULL},
     [COMMAND_TRACE] = {built_endings, scene_endings, NULL},
     [COMMAND_COPY] = {"*.as", "*.as", NULL},

@@ -128,6 +128,8 @@ static enum bvhd_status parse_time(const char *text, double *ret_seconds, struct
     return status;
 }
 
+enum { MOST_FRAMES = 1000000 };
+
 static enum bvhd_status parse_moment(const char *text, struct options *options, struct bvhd_error *error)
 {
     char *end;
@@ -136,6 +138,30 @@ static enum bvhd_status parse_moment(const char *text, struct options *options, 
         return usage(error, "--at", "not a number of seconds: '%s'", text);
     options->moment = moment;
     options->has_moment = true;
+    return BVHD_OK;
+}
+
+static enum bvhd_status parse_frames(const char *text, struct options *options, struct bvhd_error *error)
+{
+    double *frames = options->frames;
+    int end = 0;
+    if (sscanf(text, "%lf:%lf:%lf%n", &frames[0], &frames[1], &frames[2], &end) != 3 || text[end])
+        return usage(error, "--frames", "not of the form A:B:STEP: '%s'", text);
+    if (!isfinite(frames[0]) || !(frames[1] >= frames[0]) || !(frames[2] > 0) ||
+        !((frames[1] - frames[0]) / frames[2] < MOST_FRAMES))
+        return usage(error, "--frames", "B is not before A, STEP is positive, and there are at most a million: '%s'",
+                     text);
+    options->has_frames = true;
+    return BVHD_OK;
+}
+
+static enum bvhd_status parse_decay(const char *text, double *ret_decay, struct bvhd_error *error)
+{
+    char *end;
+    double decay = strtod(text, &end);
+    if (end == text || *end || !(decay > 0))
+        return usage(error, "--decay", "not a positive number: '%s'", text);
+    *ret_decay = decay;
     return BVHD_OK;
 }
 
@@ -296,6 +322,10 @@ static enum bvhd_status apply(int value, const char *text, struct options *optio
         return parse_time(text, &options->seconds, error);
     case OPTION_AT:
         return parse_moment(text, options, error);
+    case OPTION_FRAMES:
+        return parse_frames(text, options, error);
+    case OPTION_DECAY:
+        return parse_decay(text, &options->most_decay, error);
     case OPTION_COUNT:
         return number_read32("--count", text, (struct number_range){1, UINT32_MAX, false}, &options->count, error);
     case OPTION_INTERVAL:
@@ -334,7 +364,7 @@ static enum bvhd_status parse_options(int argc, char **argv, unsigned commands, 
 {
     struct option table[OPTION_ROWS_MOST];
     fill_tables(commands, table);
-    const char *letters = commands == ON_MAIN ? "+:hqv" : commands & ON_OUTPUT ? ":hqvo:" : ":hqv";
+    const char *letters = commands == ON_MAIN ? "+:hqv" : commands & (ON_OUTPUT | ON_UPDATE) ? ":hqvo:" : ":hqv";
     opterr = 0;
     for (;;) {
         int before = optind, value = getopt_long(argc, argv, letters, table, NULL);
@@ -408,7 +438,7 @@ static enum bvhd_status check_complete(const struct options *options, struct bvh
         return usage(error, "--socket", "makes no sense together with --local", "");
     if (options->socket && !*options->socket)
         return usage(error, "--socket", "an empty name", "");
-    if (options->local && (command & ON_QUERIES))
+    if (options->local && (command & (ON_QUERIES | ON_UPDATE)))
         return usage(error, "--local", "%s needs a daemon", row->name);
     if (options->operand_count < row->fewest)
         return usage(error, row->name, "wants: %s", row->arguments);
@@ -417,8 +447,10 @@ static enum bvhd_status check_complete(const struct options *options, struct bvh
                      *row->arguments ? "one word too many; expected: %s" : "one word too many", row->arguments);
     if (needs_output && !options->output)
         return usage(error, row->name, "wants -o: %s", row->arguments);
-    if (needs_output && !*options->output)
+    if (options->output && !*options->output)
         return usage(error, "-o", "an empty name", "");
+    if (options->has_frames && options->has_moment)
+        return usage(error, "--frames", "makes no sense together with --at", "");
     if (options->command == COMMAND_TRACE && !options->device)
         return usage(error, row->name, "wants --device: %s", "a device's name, cpu or auto");
     if (options->device && !*options->device)
@@ -437,6 +469,7 @@ enum bvhd_status options_parse(int argc, char **argv, struct options *ret_option
         .disk_cache_size = UINT64_C(10) << 30,
         .volume = REPORT_RESULTS,
         .interval = 2,
+        .most_decay = 1.5,
         .seed = 1,
         .width = 1280,
         .height = 720,

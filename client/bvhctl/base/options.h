@@ -11,6 +11,7 @@
 
 enum command {
     COMMAND_BUILD,
+    COMMAND_UPDATE,
     COMMAND_CHECK,
     COMMAND_INSPECT,
     COMMAND_TRACE,
@@ -49,7 +50,7 @@ struct options {
     char **operands; /* the words after the command that are no options: scenes, files, a key */
     int operand_count;
 
-    const char *output;
+    const char *output; /* of an update NULL: where it was built */
     const char *depfile;
     const char *probe; /* build, query: the file with the probe of the device that is meant; NULL: not given */
     struct build_options build; /* `target` is 0 when the probe decides it; `device` is unused, see `format` */
@@ -80,6 +81,9 @@ struct options {
     bool flip_order;
     bool has_moment; /* a scene is read at a moment of an animation: */
     double moment; /* in seconds */
+    bool has_frames; /* update: at several moments: */
+    double frames[3]; /* the first, the last, and the seconds from one to the next */
+    double most_decay; /* update */
     const char *animation; /* its name or number; NULL: not given */
     const char *scene; /* name or number of a scene in its file, or name of one in the directory; NULL: not given */
 

@@ -5,6 +5,8 @@ const struct option_row option_rows[] = {
     {"output", 'o', "PATH", ON_BUILD,
      "a directory, for manifest.json and one .as file for each structure; or, if it ends with .bvhd, one file with all "
      "of it"},
+    {"output", 'o', "DIR", ON_UPDATE,
+     "where to write (default: where it was built); with --frames a directory for each of them, DIR/0000 and so on"},
     {"output", 'o', "PNG", ON_TRACE, "the picture to write"},
     {"output", 'o', "FILE", ON_GET, "the file to write"},
     {"output", 'o', "FILE", ON_PROBE, "the file to write, for 'bvhctl build --probe'"},
@@ -13,7 +15,7 @@ const struct option_row option_rows[] = {
     {"target", OPTION_TARGET, "NAME", ON_BUILD,
      "portable (default): for shaders on any device; lavapipe: for ray queries of that driver, in the version of this "
      "machine or in that of --probe"},
-    {"probe", OPTION_PROBE, "FILE", ON_BUILD,
+    {"probe", OPTION_PROBE, "FILE", ON_BUILD | ON_UPDATE,
      "a file of 'bvhctl probe': build for the device that it describes; without --target, for the target that this "
      "device loads"},
     {"probe", OPTION_PROBE, "FILE", ON_QUERY,
@@ -31,7 +33,7 @@ const struct option_row option_rows[] = {
     {"geometry-flags", OPTION_GEOMETRY_FLAGS, "LIST", ON_BUILD, "opaque (default), no-duplicate-any-hit, none"},
     {"rays", OPTION_RAYS, "N", ON_BUILD,
      "expected rays for each primitive, by which the quality auto chooses; without it, auto is balanced"},
-    {"deadline", OPTION_DEADLINE, "MS", ON_BUILD,
+    {"deadline", OPTION_DEADLINE, "MS", ON_BUILD | ON_UPDATE,
      "milliseconds after which structures that are requested, but not built, are cancelled (default: no limit)"},
     {"rays", OPTION_RAYS, "N", ON_CHECK, "number of rays to trace (default 4000, as many as the time allows)"},
     {"time", OPTION_TIME, "SEC", ON_CHECK,
@@ -44,10 +46,16 @@ const struct option_row option_rows[] = {
      "one scene of a glTF file, by its name or its number from 0: build builds only it, check and trace take what was "
      "built from it; in a directory of several files they also take a file's name without ending (default: all scenes; "
      "trace: the first file)"},
-    {"at", OPTION_AT, "SEC", ON_BUILD,
-     "read glTF files at this moment of an animation, with skins and morph targets (default: at rest, without them)"},
-    {"animation", OPTION_ANIMATION, "NAME|NUMBER", ON_BUILD,
-     "of --at: the animation, by its name or its number from 0 (default: the first of the file)"},
+    {"frames", OPTION_FRAMES, "A:B:STEP", ON_UPDATE,
+     "update to each moment from A to B, in steps of so many seconds; without -o the last one stays"},
+    {"decay", OPTION_DECAY, "FACTOR", ON_UPDATE,
+     "build a structure when its update costs rays more than this many times what it did after the last build "
+     "(default 1.5)"},
+    {"at", OPTION_AT, "SEC", ON_BUILD | ON_UPDATE,
+     "read glTF files at this moment of an animation, with skins and morph targets (default: at rest, without them; "
+     "update: as it was built)"},
+    {"animation", OPTION_ANIMATION, "NAME|NUMBER", ON_BUILD | ON_UPDATE,
+     "of --at and --frames: the animation, by its name or its number from 0 (default: the first of the file)"},
     {"device", OPTION_DEVICE, "NAME", ON_TRACE,
      "cpu, a Vulkan device's number or a part of its name, or auto: a GPU that loads the structures, else cpu"},
     {"device", OPTION_DEVICE, "NAME", ON_PROBE,
@@ -69,21 +77,21 @@ const struct option_row option_rows[] = {
      "number of threads of this process (default: one for each processor); a daemon has its own"},
     {"memory", OPTION_MEMORY, "BYTES", ON_SCENES,
      "limit for geometry and results, beyond which the command fails; K, M, G may follow the number"},
-    {"cache", OPTION_CACHE, "DIR", ON_BUILD,
+    {"cache", OPTION_CACHE, "DIR", ON_BUILD | ON_UPDATE,
      "keep results in this directory, with --local or by the private daemon that is started (default: "
      "$XDG_CACHE_HOME/bvhd, without that variable ~/.cache/bvhd)"},
     {"cache", OPTION_CACHE, "DIR", ON_CACHE,
      "look at this directory (default: that of the daemon on --socket or of your private one; else "
      "$XDG_CACHE_HOME/bvhd, or ~/.cache/bvhd)"},
-    {"no-cache", OPTION_NO_CACHE, NULL, ON_BUILD,
+    {"no-cache", OPTION_NO_CACHE, NULL, ON_BUILD | ON_UPDATE,
      "keep no results on disk and use none, with --local or by the private daemon that is started"},
-    {"disk-cache-size", OPTION_DISK_CACHE_SIZE, "BYTES", ON_BUILD,
+    {"disk-cache-size", OPTION_DISK_CACHE_SIZE, "BYTES", ON_BUILD | ON_UPDATE,
      "the most that the directory holds (default 10G); K, M, G may follow the number"},
     {"disk-cache-size", OPTION_DISK_CACHE_SIZE, "BYTES", ON_CACHE,
      "trim: the most that is left (default 10G); K, M, G may follow the number"},
     {"json", OPTION_JSON, NULL, ON_ALL | ON_MAIN, "print the result as one JSON object"},
     {"local", OPTION_LOCAL, NULL, ON_BUILD | ON_MAIN, "build in this process, without a daemon"},
-    {"socket", OPTION_SOCKET, "PATH", ON_BUILD | ON_MAIN,
+    {"socket", OPTION_SOCKET, "PATH", ON_BUILD | ON_UPDATE | ON_MAIN,
      "the daemon's socket (default: $BVHD_SOCKET; without it that of a running daemon; if there is none, build starts "
      "a private daemon)"},
     {"socket", OPTION_SOCKET, "PATH", ON_QUERIES & ~ON_STOP,
@@ -108,6 +116,7 @@ _Static_assert(sizeof option_rows / sizeof *option_rows <= OPTION_ROWS_MOST, "ro
 
 const struct command_row command_rows[COMMAND_COUNT] = {
     [COMMAND_BUILD] = {"build", "SCENE... -o DIR", "build acceleration structures from scene files", 1, 1 << 20},
+    [COMMAND_UPDATE] = {"update", "DIR SCENE", "update structures that were built with --flags allow-update", 2, 2},
     [COMMAND_CHECK] = {"check", "DIR SCENE", "check built files against brute force over their scene", 2, 2},
     [COMMAND_INSPECT] = {"inspect", "PATH", "describe a built file or a probe, or all files of a directory", 1, 1},
     [COMMAND_TRACE] = {"trace", "DIR [SCENE] --device NAME -o PNG", "render a picture of built structures", 1, 2},

@@ -13,6 +13,7 @@
 /* Sets of commands. */
 enum {
     ON_BUILD = 1 << COMMAND_BUILD,
+    ON_UPDATE = 1 << COMMAND_UPDATE,
     ON_CHECK = 1 << COMMAND_CHECK,
     ON_INSPECT = 1 << COMMAND_INSPECT,
     ON_TRACE = 1 << COMMAND_TRACE
@@ -23,11 +24,11 @@ enum { ON_CLIENTS = 1 << COMMAND_CLIENTS, ON_TOP = 1 << COMMAND_TOP };
 enum { ON_STOP = 1 << COMMAND_STOP, ON_DEVICES = 1 << COMMAND_DEVICES, ON_PROBE = 1 << COMMAND_PROBE };
 enum { ON_CACHE = 1 << COMMAND_CACHE };
 enum {
-    ON_SCENES = ON_BUILD | ON_CHECK | ON_INSPECT | ON_TRACE | ON_COPY | ON_QUERY,
+    ON_SCENES = ON_BUILD | ON_UPDATE | ON_CHECK | ON_INSPECT | ON_TRACE | ON_COPY | ON_QUERY,
     ON_QUERIES = ON_GET | ON_STATS | ON_CLIENTS | ON_TOP | ON_PING |
                  ON_STOP, /* commands that need a daemon, and never start one */
     ON_ALL = ON_SCENES | ON_QUERIES | ON_DEVICES | ON_PROBE | ON_CACHE,
-    ON_SERVICE = ON_BUILD | ON_QUERIES | ON_CACHE, /* commands that may connect to a daemon */
+    ON_SERVICE = ON_BUILD | ON_UPDATE | ON_QUERIES | ON_CACHE, /* commands that may connect to a daemon */
     ON_ALONE =
         ON_CHECK | ON_INSPECT | ON_TRACE | ON_COPY | ON_QUERY | ON_DEVICES | ON_PROBE, /* commands that never do */
     ON_OUTPUT = ON_BUILD | ON_TRACE | ON_GET | ON_PROBE,
@@ -65,6 +66,8 @@ enum {
     OPTION_SCENE,
     OPTION_AT,
     OPTION_ANIMATION,
+    OPTION_FRAMES,
+    OPTION_DECAY,
     OPTION_DEVICE,
     OPTION_SIZE,
     OPTION_UP,

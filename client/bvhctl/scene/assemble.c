@@ -1,26 +1,17 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "client/bvhctl/scene/assemble.h"
+#include "client/bvhctl/scene/assemble_internal.h"
 
 #include <stdlib.h>
 #include <string.h>
 
 #include "builder/format/serialized.h"
 
-/* The arguments of assemble(), for its helpers. */
-struct scene_build {
-    const struct import *import;
-    const struct options *options;
-    struct backend *backend;
-    struct bvhd_error *error;
-};
-
 static enum bvhd_status no_memory(const struct scene_build *job)
 {
     return bvhd_error_no_memory(job->error, job->import->name, "no memory to describe the scene");
 }
 
-/* Makes a handle, which only has to differ from the others: they are numbered from 1, the top level's last. */
-static VkAccelerationStructureKHR make_handle(uint64_t number)
+VkAccelerationStructureKHR assemble_handle(uint64_t number)
 {
     VkAccelerationStructureKHR handle;
     _Static_assert(sizeof handle == sizeof number, "non-dispatchable handles have 64 bits");
@@ -59,7 +50,7 @@ static VkAccelerationStructureBuildGeometryInfoKHR describe_build(const struct o
         .type = type,
         .flags = options->build_flags,
         .mode = VK_BUILD_ACCELERATION_STRUCTURE_MODE_BUILD_KHR,
-        .dstAccelerationStructure = make_handle(handle),
+        .dstAccelerationStructure = assemble_handle(handle),
         .geometryCount = geometry_count,
         .pGeometries = geometries,
     };
@@ -140,7 +131,13 @@ static enum bvhd_status build_bottoms(const struct scene_build *job, struct asse
     } else {
         describe_bottoms(job, &arrays);
         struct bvhd_build request = make_request(job->options, job->import->bottom_count, arrays.infos, arrays.ranges);
-        status = job->backend->build(job->backend, &request, assembly->items, &assembly->bottoms, job->error);
+        const struct assembly_request bottoms = {.build = &request,
+                                                 .infos = arrays.infos,
+                                                 .sources = job->sources ? job->sources->items : NULL,
+                                                 .items = assembly->items,
+                                                 .outcomes = assembly->outcomes,
+                                                 .holds = assembly->holds};
+        status = assemble_run(job, &bottoms);
     }
     bottom_arrays_finish(&arrays, job->import->memory);
     return status;
@@ -279,8 +276,13 @@ static enum bvhd_status build_described_top(const struct scene_build *job, struc
     struct bvhd_build request = make_request(job->options, 1, &info, &ranges);
     request.references = references;
     request.reference_count = assembly->handle_count;
-    return job->backend->build(job->backend, &request, &assembly->items[import->bottom_count], &assembly->top,
-                               job->error);
+    const struct assembly_request top = {.build = &request,
+                                         .infos = &info,
+                                         .sources = job->sources ? &job->sources->items[import->bottom_count] : NULL,
+                                         .items = &assembly->items[import->bottom_count],
+                                         .outcomes = &assembly->outcomes[import->bottom_count],
+                                         .holds = assembly->holds + 2};
+    return assemble_run(job, &top);
 }
 
 static enum bvhd_status build_top(const struct scene_build *job, struct assembly *assembly)
@@ -305,18 +307,22 @@ static enum bvhd_status build_top(const struct scene_build *job, struct assembly
     return status;
 }
 
-enum bvhd_status assemble(const struct import *import, const struct options *options, struct backend *backend,
-                          struct assembly *ret_assembly, struct bvhd_error *error)
+enum bvhd_status assemble_update(const struct import *import, const struct options *options,
+                                 const struct assembly_sources *sources, struct backend *backend,
+                                 struct assembly *ret_assembly, struct bvhd_error *error)
 {
-    struct scene_build job = {import, options, backend, error};
-    struct assembly assembly = {.import = import, .backend = backend};
+    struct scene_build job = {import, options, sources, backend, error};
+    struct assembly assembly = {.import = import, .backend = backend, .is_update = sources != NULL};
     uint64_t count = (uint64_t)import->bottom_count + 1;
     assembly.items = memory_array(import->memory, count, sizeof *assembly.items);
+    assembly.outcomes = memory_array(import->memory, count, sizeof *assembly.outcomes);
     assembly.handles = memory_array(import->memory, count, sizeof *assembly.handles);
     enum bvhd_status status = BVHD_OK;
     if (assembly.items)
         memset(assembly.items, 0, count * sizeof *assembly.items);
-    if (!assembly.items || !assembly.handles)
+    if (assembly.outcomes)
+        memset(assembly.outcomes, 0, count * sizeof *assembly.outcomes);
+    if (!assembly.items || !assembly.outcomes || !assembly.handles)
         status = no_memory(&job);
     if (status == BVHD_OK)
         status = build_bottoms(&job, &assembly);
@@ -329,13 +335,20 @@ enum bvhd_status assemble(const struct import *import, const struct options *opt
     return status;
 }
 
+enum bvhd_status assemble(const struct import *import, const struct options *options, struct backend *backend,
+                          struct assembly *ret_assembly, struct bvhd_error *error)
+{
+    return assemble_update(import, options, NULL, backend, ret_assembly, error);
+}
+
 void assembly_finish(struct assembly *assembly)
 {
     if (!assembly || !assembly->import)
         return;
-    assembly->backend->release(assembly->backend, assembly->top);
-    assembly->backend->release(assembly->backend, assembly->bottoms);
+    for (size_t i = sizeof assembly->holds / sizeof *assembly->holds; i-- > 0;)
+        assembly->backend->release(assembly->backend, assembly->holds[i]);
     memory_free(assembly->import->memory, assembly->items);
+    memory_free(assembly->import->memory, assembly->outcomes);
     memory_free(assembly->import->memory, assembly->handles);
     memory_free(assembly->import->memory, assembly->rows);
     *assembly = (struct assembly){0};

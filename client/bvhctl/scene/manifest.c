@@ -128,6 +128,30 @@ static void write_source(struct json *json, const struct import *import)
     write_meshes_left_out(json, import);
 }
 
+const char *manifest_method_name(enum assembly_method method)
+{
+    static const char *const names[] = {[ASSEMBLY_BUILT] = "built",
+                                        [ASSEMBLY_UPDATED] = "updated",
+                                        [ASSEMBLY_LOST] = "lost",
+                                        [ASSEMBLY_OTHER_ACTIVE] = "other_active",
+                                        [ASSEMBLY_DECAYED] = "decayed"};
+    return names[method];
+}
+
+/* Writes what a reader has to know about an update: how much the tree has decayed, and after how many of them. */
+static void write_decay(struct json *json, const struct bvhd_result *item)
+{
+    json_number(json, "decay", item->decay);
+    json_integer(json, "refits", item->refits);
+}
+
+static void write_outcome(struct json *json, const struct assembly_outcome *outcome)
+{
+    json_text(json, "update", manifest_method_name(outcome->method));
+    if (outcome->method == ASSEMBLY_DECAYED)
+        json_number(json, "refused_decay", outcome->decay);
+}
+
 static void write_times(struct json *json, const struct bvhd_result *item)
 {
     json_bool(json, "cached", item->origin == BVHD_ORIGIN_MEMORY || item->origin == BVHD_ORIGIN_DISK);
@@ -182,6 +206,10 @@ void manifest_write_structure(struct json *json, const struct assembly *assembly
     json_integer(json, "bytes", item->size);
     json_text(json, "key", key_text);
     manifest_write_bounds(json, item->bounds);
+    if (item->refits)
+        write_decay(json, item);
+    if (times && assembly->is_update)
+        write_outcome(json, &assembly->outcomes[index]);
     if (times)
         write_times(json, item);
     json_integer(json, "depth", item->depth);

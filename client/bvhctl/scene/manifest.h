@@ -19,6 +19,9 @@
 
 enum { MANIFEST_REVISION = 2 };
 
+/* Returns the name of what was done for a structure: "built", "updated", "lost", "other_active" or "decayed". */
+const char *manifest_method_name(enum assembly_method method);
+
 /* Begins a manifest: the array of its structures is open then. */
 void manifest_begin(struct json *json, const struct options *options);
 
@@ -69,9 +72,18 @@ struct manifest_entry {
     uint32_t colour_count;
 };
 
+/* The options of the build, as far as they decide what structures are. */
+struct manifest_options {
+    bool are_known; /* the manifest has them, and this version knows each: */
+    struct build_options build; /* without a device's format */
+    uint32_t build_flags, geometry_flags;
+    double rays; /* 0: not given */
+};
+
 struct manifest {
     struct manifest_entry *entries;
     uint32_t count;
+    struct manifest_options options;
     struct memory *memory;
 };
 
@@ -84,6 +96,23 @@ enum bvhd_status manifest_read(const char *path, struct memory *memory, struct m
                                struct bvhd_error *error);
 enum bvhd_status manifest_read_built(const struct built *built, struct memory *memory, struct manifest *ret_manifest,
                                      struct bvhd_error *error);
+
+/* The files of the nodes of a top level, in the order of its instances. */
+struct manifest_nodes {
+    char **files;
+    uint32_t count;
+    struct memory *memory;
+};
+
+/*
+ * Reads the nodes of the top level whose file is `top`. It takes several times the memory of their text. Errors as
+ * those of manifest_read. End with manifest_nodes_finish.
+ */
+enum bvhd_status manifest_read_nodes(const char *path, const char *top, struct memory *memory,
+                                     struct manifest_nodes *ret_nodes, struct bvhd_error *error);
+
+/* NULL-safe, idempotent. */
+void manifest_nodes_finish(struct manifest_nodes *nodes);
 
 /*
  * Finds the top level that `scene` names: the scene of this name, else the one that was built from the scene of this

@@ -5,6 +5,11 @@
 
 #include "client/bvhctl/scene/manifest.h"
 
+struct cJSON;
+
+/* Reads the options of the build from a parsed manifest. */
+struct manifest_options manifest_read_options(const struct cJSON *root);
+
 /*
  * Makes the arrays "nodes" in the structures of a manifest empty, in place, and returns the new size of the text. It
  * may be any text: one that is not JSON stays so.

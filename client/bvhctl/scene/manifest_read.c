@@ -236,6 +236,7 @@ static enum bvhd_status read_entries(struct manifest_reader *reader, const cJSON
         if (status)
             return status;
     }
+    manifest->options = manifest_read_options(root);
     return read_source_files(reader, root, manifest);
 }
 

@@ -138,7 +138,8 @@ static bool is_our_file(const char *path, const struct manifest_entry *entry)
 static enum bvhd_status remove_stale(struct output *output, const struct manifest_entry *entry,
                                      struct bvhd_error *error)
 {
-    if (!has_scene(output, entry->scene) || is_written(output, entry->file) || !has_our_name(output, entry))
+    if (!(output->replaces_all || has_scene(output, entry->scene)) || is_written(output, entry->file) ||
+        !has_our_name(output, entry))
         return BVHD_OK;
     char *path = files_join(output->memory, output->path, entry->file);
     if (!path)

@@ -17,6 +17,7 @@
 struct output {
     const char *path; /* the caller's */
     bool is_container;
+    bool replaces_all; /* set by the caller: earlier structures of other scenes are stale, too */
     struct memory *memory;
     struct manifest before; /* of a directory: that of the build before; empty if there is none */
     struct output_name { /* what this build has written to a directory */

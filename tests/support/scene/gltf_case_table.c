@@ -109,6 +109,8 @@ const struct gltf_case gltf_cases[] = {
      .accessors = ",{'bufferView':0,'componentType':5126,'count':4,'type':'VEC3','min':[0,0,0],'max':[2,2.5,0]}"},
     {.name = "bounds that are texts", .primitives = POSITIONS, .kind = "bounds", .count = 1,
      .accessors = ",{'bufferView':0,'componentType':5126,'count':4,'type':'VEC3','min':['a',0,0],'max':[2,3,0]}"},
+    {.name = "upper bounds that are texts", .primitives = POSITIONS, .kind = "bounds", .count = 1,
+     .accessors = ",{'bufferView':0,'componentType':5126,'count':4,'type':'VEC3','min':[0,0,0],'max':['a',3,0]}"},
     {.name = "index in the middle", .primitives = INDICES,
      .accessors = ",{'bufferView':1,'byteOffset':6,'componentType':5123,'count':3,'type':'SCALAR'}", .triangles = 1},
 

@@ -1,11 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* make_scene - writes the generated scenes of tests and of the demonstration. Its usage text is its manual. */
 #include <errno.h>
+#include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "tests/support/scene/adversarial.h"
+#include "tests/support/scene/dance.h"
 #include "tests/support/scene/gallery.h"
 #include "tests/support/scene/park.h"
 
@@ -25,6 +27,8 @@ static void print_usage(FILE *file)
         "park: a garden with a temple and woods, most of it instances; FILE ends in .gltf, and a .bin is written "
         "beside it.\n"
         "  --size is the approximate number of triangles of the ground (%d by default).\n"
+        "\n"
+        "dance: skins, morph targets and nodes that move for four seconds; FILE ends in .glb.\n"
         "\n"
         "gallery-NAME: one of the scenes of the contact sheet, as glTF, of a fixed size; --gallery prints their "
         "names.\n"
@@ -107,6 +111,14 @@ static int make_gltf(const struct gallery_scene *scene, const struct options *op
     return result;
 }
 
+static int make_dance(const struct options *options)
+{
+    int result = dance_write(options->path, (uint32_t)(options->size ? options->size : DANCE_SIZE));
+    if (result == 0)
+        printf("%s\n", options->path);
+    return result;
+}
+
 static int make_adversarial(const struct adversarial *scene, const struct options *options)
 {
     struct mesh mesh = {0};
@@ -137,11 +149,14 @@ int main(int argc, char **argv)
     const struct adversarial *scene = adversarial_find(options.name);
     const struct gallery_scene *in_gallery =
         strncmp(options.name, "gallery-", 8) == 0 ? gallery_find(options.name + 8) : NULL;
-    if (!scene && !in_gallery && strcmp(options.name, "park") != 0) {
+    bool is_dance = strcmp(options.name, "dance") == 0;
+    if (!scene && !in_gallery && !is_dance && strcmp(options.name, "park") != 0) {
         fprintf(stderr, "make_scene: %s: no such scene; --list and --gallery print the names\n", options.name);
         return EXIT_USAGE;
     }
-    if ((scene ? make_adversarial(scene, &options) : make_gltf(in_gallery, &options)) != 0) {
+    if ((is_dance ? make_dance(&options)
+         : scene  ? make_adversarial(scene, &options)
+                  : make_gltf(in_gallery, &options)) != 0) {
         fprintf(stderr, "make_scene: %s: %s\n", options.path, strerror(errno));
         return 1;
     }

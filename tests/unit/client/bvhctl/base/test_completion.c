@@ -96,7 +96,7 @@ static void test_commands(void **state)
     expect("--socket s p", "ping|probe");
     expect("--socket = s p", "ping|probe");
     expect("--json -q st", "stats|stop");
-    assert_non_null(strstr(complete(""), "build|check|"));
+    assert_non_null(strstr(complete(""), "build|update|check|"));
     expect("fly ", "");
 }
 

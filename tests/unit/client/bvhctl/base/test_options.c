@@ -268,6 +268,15 @@ static void test_bad_lines(void **state)
     expect_bad("bvhctl build a -o b --at soon", "--at");
     expect_bad("bvhctl build a -o b --at inf", "--at");
     expect_bad("bvhctl build a -o b --at 1s", "--at");
+    expect_bad("bvhctl update a b --frames 0:1", "--frames");
+    expect_bad("bvhctl update a b --frames 1:0:1", "--frames");
+    expect_bad("bvhctl update a b --frames 0:1:0", "--frames");
+    expect_bad("bvhctl update a b --frames 0:1e9:1", "--frames");
+    expect_bad("bvhctl update a b --frames 0:inf:1", "--frames");
+    expect_bad("bvhctl update a b --frames 0:1:1 --at 1", "--frames");
+    expect_bad("bvhctl update a b --decay 0", "--decay");
+    expect_bad("bvhctl update a b --decay nan", "--decay");
+    expect_bad("bvhctl --local update a b", "--local");
     expect_bad("bvhctl copy a.as", "copy");
     expect_bad("bvhctl query a.as b.as", "b.as");
     expect_bad("bvhctl top --interval x", "--interval");

@@ -202,6 +202,141 @@ static void test_lost_backend(void **state)
     test_world_finish(&world);
 }
 
+/* A backend that builds what is to be updated, and answers as planned about it. */
+struct refitting {
+    struct backend backend;
+    struct backend *real;
+    struct bvhd_error errors[2]; /* of the updates of the bottom levels; BVHD_OK: it has the decay */
+    double decays[2];
+    struct bvhd_key expected[3]; /* of the sources: of the bottom levels, then of the top level */
+    uint32_t update_count, build_count; /* infos that were asked for */
+};
+
+static void check_source(const struct refitting *refitting, const struct bvhd_build *build, uint32_t info)
+{
+    bool is_top = build->infos[info].type == VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR, found = false;
+    uint64_t source;
+    memcpy(&source, &build->infos[info].srcAccelerationStructure, sizeof source);
+    for (uint32_t i = 0; i < build->reference_count; i++) {
+        const struct bvhd_reference *reference = &build->references[i];
+        if (reference->handle != source)
+            continue;
+        assert_false(found);
+        found = true;
+        assert_true(reference->has_key);
+        assert_memory_equal(&reference->key, &refitting->expected[is_top ? 2 : info], sizeof reference->key);
+    }
+    assert_true(found);
+}
+
+static enum bvhd_status refit_or_build(struct backend *backend, const struct bvhd_build *build,
+                                       struct bvhd_result *ret_results, void **ret_hold, struct bvhd_error *error)
+{
+    struct refitting *refitting = (struct refitting *)backend;
+    VkAccelerationStructureBuildGeometryInfoKHR infos[2];
+    struct bvhd_build plain = *build;
+    assert_true(build->info_count <= 2);
+    for (uint32_t i = 0; i < build->info_count; i++) {
+        bool is_update = build->infos[i].mode == VK_BUILD_ACCELERATION_STRUCTURE_MODE_UPDATE_KHR;
+        infos[i] = build->infos[i];
+        infos[i].mode = VK_BUILD_ACCELERATION_STRUCTURE_MODE_BUILD_KHR;
+        infos[i].srcAccelerationStructure = VK_NULL_HANDLE;
+        refitting->update_count += is_update;
+        refitting->build_count += !is_update;
+        plain.reference_count -= is_update;
+        if (is_update)
+            check_source(refitting, build, i);
+    }
+    plain.infos = infos;
+    enum bvhd_status status = refitting->real->build(refitting->real, &plain, ret_results, ret_hold, error);
+    for (uint32_t i = 0; i < build->info_count && status == BVHD_OK; i++)
+        if (build->infos[i].mode == VK_BUILD_ACCELERATION_STRUCTURE_MODE_UPDATE_KHR) {
+            bool is_top = build->infos[i].type == VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR;
+            ret_results[i].decay = is_top ? 1 : refitting->decays[i];
+            ret_results[i].refits = 1;
+            if (!is_top)
+                ret_results[i].error = refitting->errors[i];
+        }
+    return status;
+}
+
+static void release_refit(struct backend *backend, void *hold)
+{
+    struct refitting *refitting = (struct refitting *)backend;
+    refitting->real->release(refitting->real, hold);
+}
+
+/*
+ * An update is kept, unless its source is lost, other primitives are active, or the tree has decayed: then the
+ * structure is built.
+ */
+static void test_updates(void **state)
+{
+    (void)state;
+    static const struct plan {
+        struct bvhd_error error;
+        double decay;
+        enum assembly_method method;
+        enum bvhd_status status; /* in the end */
+    } plans[] = {
+        {{.status = BVHD_OK}, 1.4, ASSEMBLY_UPDATED, BVHD_OK},
+        {{.status = BVHD_OK}, 1.6, ASSEMBLY_DECAYED, BVHD_OK},
+        {{.status = BVHD_SOURCE_LOST}, 0, ASSEMBLY_LOST, BVHD_OK},
+        {{.status = BVHD_INVALID, .vuid = BVHD_VUID_03663}, 0, ASSEMBLY_OTHER_ACTIVE, BVHD_OK},
+        {{.status = BVHD_INVALID, .vuid = BVHD_VUID_03664}, 0, ASSEMBLY_OTHER_ACTIVE, BVHD_OK},
+        {{.status = BVHD_INVALID, .vuid = BVHD_VUID_03758}, 0, ASSEMBLY_UPDATED, BVHD_INVALID},
+    };
+    struct test_world world;
+    test_world_init(&world, 1);
+    for (size_t i = 0; i < sizeof plans / sizeof *plans; i++) {
+        struct refitting refitting = {.backend = {refit_or_build, release_refit}, .real = &world.backend.backend};
+        struct assembly_source items[3] = {{true, {{1}}}, {true, {{2}}}, {true, {{3}}}};
+        const struct assembly_sources sources = {items, 1.5};
+        struct assembly assembly;
+        bool is_rebuilt = plans[i].method != ASSEMBLY_UPDATED;
+        for (int k = 0; k < 3; k++)
+            refitting.expected[k] = items[k].key;
+        refitting.errors[1] = plans[i].error;
+        refitting.decays[0] = 1;
+        refitting.decays[1] = plans[i].decay;
+        assert_int_equal(assemble_update(&world.import, &world.options, &sources, &refitting.backend, &assembly, NULL),
+                         BVHD_OK);
+        assert_int_equal(assembly.outcomes[0].method, ASSEMBLY_UPDATED);
+        assert_int_equal(assembly.outcomes[1].method, plans[i].method);
+        assert_true(assembly.outcomes[1].decay == plans[i].decay);
+        assert_int_equal(assembly.items[1].error.status, plans[i].status);
+        assert_int_equal(assembly.items[1].refits, is_rebuilt ? 0 : 1);
+        assert_int_equal(refitting.build_count, is_rebuilt);
+        assert_int_equal(refitting.update_count, plans[i].status == BVHD_OK ? 3 : 2);
+        assembly_finish(&assembly);
+    }
+    test_world_finish(&world);
+    assert_int_equal(world.local.memory.live, 0);
+}
+
+/* Structures without a source are built in the same request. */
+static void test_update_of_some(void **state)
+{
+    (void)state;
+    struct test_world world;
+    struct assembly assembly;
+    test_world_init(&world, 1);
+    struct refitting refitting = {
+        .backend = {refit_or_build, release_refit}, .real = &world.backend.backend, .decays = {1, 1}};
+    const struct assembly_source items[3] = {{true, {{1}}}, {0}, {0}};
+    const struct assembly_sources sources = {items, 1.5};
+    refitting.expected[0] = items[0].key;
+    assert_int_equal(assemble_update(&world.import, &world.options, &sources, &refitting.backend, &assembly, NULL),
+                     BVHD_OK);
+    assert_int_equal(refitting.update_count, 1);
+    assert_int_equal(refitting.build_count, 2);
+    assert_int_equal(assembly.outcomes[0].method, ASSEMBLY_UPDATED);
+    assert_int_equal(assembly.outcomes[1].method, ASSEMBLY_BUILT);
+    assert_true(all_built(&assembly));
+    assembly_finish(&assembly);
+    test_world_finish(&world);
+}
+
 /*
  * A native top level has one handle for each instance that is not skipped, in the order of its leaves; a portable one
  * has one for each bottom level.
@@ -294,10 +429,11 @@ static void test_wrong_handles(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_structures),    cmocka_unit_test(test_answers),
-        cmocka_unit_test(test_unpack),        cmocka_unit_test(test_rules_are_reported),
-        cmocka_unit_test(test_cancelled),     cmocka_unit_test(test_no_memory),
-        cmocka_unit_test(test_lost_backend),  cmocka_unit_test(test_native_handles),
+        cmocka_unit_test(test_structures),     cmocka_unit_test(test_answers),
+        cmocka_unit_test(test_unpack),         cmocka_unit_test(test_rules_are_reported),
+        cmocka_unit_test(test_cancelled),      cmocka_unit_test(test_no_memory),
+        cmocka_unit_test(test_lost_backend),   cmocka_unit_test(test_updates),
+        cmocka_unit_test(test_update_of_some), cmocka_unit_test(test_native_handles),
         cmocka_unit_test(test_wrong_handles),
     };
     return cmocka_run_group_tests_name("assemble", tests, NULL, NULL);

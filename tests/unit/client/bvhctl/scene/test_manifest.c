@@ -147,6 +147,53 @@ static void test_wish(void **state)
     manifest_finish(&manifest);
 }
 
+#define OPTIONS(text) "{\"schema\":1,\"options\":" text ",\"structures\":[]}"
+#define KNOWN(members) OPTIONS("{\"target\":\"portable\"," members "}")
+#define LISTS(flags) "\"flags\":" flags ",\"layout\":[],\"geometry_flags\":[\"opaque\"]"
+
+/* Options are known if the manifest has them, and this version knows each name. */
+static void test_options(void **state)
+{
+    (void)state;
+    static const char *const unknown[] = {
+        "{\"schema\":1,\"structures\":[]}",
+        OPTIONS("7"),
+        OPTIONS("{}"),
+        OPTIONS("{" LISTS("[]") "}"),
+        KNOWN(LISTS("[\"allow-flight\"]")),
+        KNOWN(LISTS("7")),
+        KNOWN(LISTS("[7]")),
+        KNOWN(LISTS("[]") ",\"quality\":\"best\""),
+        KNOWN(LISTS("[]") ",\"builder\":7"),
+        OPTIONS("{\"target\":\"teapot\"," LISTS("[]") "}"),
+    };
+    struct memory memory;
+    struct manifest manifest;
+    for (size_t i = 0; i < sizeof unknown / sizeof *unknown; i++) {
+        assert_int_equal(read_text(unknown[i], &memory, &manifest, NULL), BVHD_OK);
+        assert_false(manifest.options.are_known);
+        manifest_finish(&manifest);
+    }
+    assert_int_equal(
+        read_text(KNOWN(LISTS("[\"allow-update\",\"low-memory\"]") ",\"quality\":\"high\",\"builder\":"
+                                                                   "\"embree\",\"rays_per_primitive\":2.5"),
+                  &memory, &manifest, NULL),
+        BVHD_OK);
+    assert_true(manifest.options.are_known);
+    assert_int_equal(manifest.options.build_flags, BUILD_ALLOW_UPDATE | BUILD_LOW_MEMORY);
+    assert_int_equal(manifest.options.geometry_flags, GEOMETRY_OPAQUE);
+    assert_int_equal(manifest.options.build.target, TARGET_PORTABLE);
+    assert_int_equal(manifest.options.build.quality, QUALITY_HIGH);
+    assert_int_equal(manifest.options.build.builder, BUILDER_EMBREE);
+    assert_true(manifest.options.rays == 2.5);
+    manifest_finish(&manifest);
+    assert_int_equal(
+        read_text(KNOWN(LISTS("[]") ",\"quality\":null,\"rays_per_primitive\":-1"), &memory, &manifest, NULL), BVHD_OK);
+    assert_true(manifest.options.are_known && manifest.options.rays == 0);
+    assert_int_equal(manifest.options.build.quality, QUALITY_UNSPECIFIED);
+    manifest_finish(&manifest);
+}
+
 /* A top level is found by its scene's name, and by the name and the number of the scene in its file. */
 static void test_find_top(void **state)
 {
@@ -316,6 +363,7 @@ int main(void)
         cmocka_unit_test(test_read),
         cmocka_unit_test(test_hostile),
         cmocka_unit_test(test_wish),
+        cmocka_unit_test(test_options),
         cmocka_unit_test(test_find_top),
         cmocka_unit_test(test_optional_members),
         cmocka_unit_test(test_find_top_of_file),
