@@ -206,7 +206,7 @@ enum bvhd_status content_key_update(const struct canonical *canonical, const str
 enum bvhd_status content_key_of_record(const struct key *key, struct key *ret_key, struct bvhd_error *error)
 {
     const struct digest_input inputs[] = {{record_domain, sizeof record_domain}, {key->bytes, sizeof key->bytes}};
-    EVP_MD *hash;
+    EVP_MD *hash = NULL;
     enum bvhd_status status = fetch_hash(&hash, error);
     if (status != BVHD_OK)
         return status;

@@ -55,7 +55,7 @@ static bool says_not_updatable(struct bytes bytes)
 static enum bvhd_status judge_recordless(const struct update_source *source, const struct key *key, uint32_t index,
                                          struct bvhd_error *error)
 {
-    struct build_entry_source opened;
+    struct build_entry_source opened = {0};
     if (!source->blob->is_from_disk)
         return BVHD_OK;
     enum bvhd_status status = update_source_open(source, &opened, error);
