@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "builder/build.h"
+#include "tests/support/builder/moved_build.h"
 #include "tests/support/driver/gpu_bed.h"
 #include "builder/format/serialized.h"
 
@@ -69,7 +70,10 @@ static void build_blob(struct driver_scene *scene, const struct driver_scene_opt
     unsigned char *blob;
     memcpy(how.device.driver_uuid, options->format->driver_uuid, sizeof how.device.driver_uuid);
     memcpy(how.device.compatibility_uuid, options->format->compatibility_uuid, sizeof how.device.compatibility_uuid);
-    MUST(build(canonical, &how, &context, &blob, &stats, &error));
+    if (options->updates)
+        MUST(moved_build(canonical, &how, &context, &blob, &stats, &error));
+    else
+        MUST(build(canonical, &how, &context, &blob, &stats, &error));
     *ret_blob = (struct bvhd_vulkan_bytes){blob, stats.sizes.total};
 }
 

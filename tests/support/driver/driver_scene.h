@@ -24,6 +24,8 @@ struct driver_scene_options {
     const struct canonical *top; /* the key of a reference begins with the number of its bottom level + 1, as u64 */
     enum build_quality quality;
     enum build_builder builder;
+    /* ours are built over other geometry, with ALLOW_UPDATE, and then updated to what the driver builds */
+    bool updates;
     const struct parallel *parallel;
 };
 
