@@ -102,7 +102,8 @@ static void test_hostile(void **state)
                                           "{\"time\":1,\"animation\":-1}",
                                           "{\"time\":1,\"animation\":5e9}",
                                           "{\"time\":\"1\",\"animation\":0}",
-                                          "{\"animation\":null}"};
+                                          "{\"animation\":null}",
+                                          "{\"time\":1e999,\"animation\":null}"};
     for (size_t i = 0; i < sizeof moments / sizeof *moments; i++) {
         char text[512];
         snprintf(text, sizeof text, ENTRY("\"a\"", "\"tlas\"", ",\"handles\":[],\"source_moment\":%s"), moments[i]);
@@ -147,6 +148,45 @@ static void test_wish(void **state)
     manifest_finish(&manifest);
 }
 
+#define NODES(nodes) "{\"schema\":1,\"structures\":[7,{\"file\":\"b\"},{\"file\":\"a\",\"nodes\":" nodes "}]}"
+
+/* The nodes of a top level are read with their files, or refused, and each allocation may fail. */
+static void test_nodes(void **state)
+{
+    (void)state;
+    static const char *const broken[] = {NODES("7"), NODES("[7]"), NODES("[{\"file\":7}]"), "{\"schema\":1}", "{", ""};
+    static const char right[] = NODES("[{\"file\":\"x.as\"},{\"name\":\"n\",\"file\":\"y.as\"}]");
+    struct memory memory;
+    struct manifest ignored;
+    struct manifest_nodes nodes;
+    struct bvhd_error error;
+    for (size_t i = 0; i < sizeof broken / sizeof *broken; i++) {
+        if (read_text(broken[i], &memory, &ignored, &error) == BVHD_OK)
+            manifest_finish(&ignored);
+        assert_int_equal(manifest_read_nodes(scratch_folder, "a", &memory, &nodes, &error), BVHD_CORRUPT);
+        assert_true(*error.where && *error.text);
+        assert_int_equal(memory.live, 0);
+    }
+    assert_int_not_equal(read_text(right, &memory, &ignored, &error), BVHD_OK);
+    assert_int_equal(manifest_read_nodes(scratch_folder, "c", &memory, &nodes, &error), BVHD_CORRUPT);
+    assert_int_equal(manifest_read_nodes("/nonexistent", "a", &memory, &nodes, &error), BVHD_NOT_FOUND);
+    assert_int_equal(manifest_read_nodes("/dev/null", "a", &memory, &nodes, &error), BVHD_IO);
+    enum bvhd_status status = BVHD_NO_MEMORY;
+    for (int64_t after = 0; status != BVHD_OK; after++) {
+        atomic_store(&memory.fail_after, after);
+        status = manifest_read_nodes(scratch_folder, "a", &memory, &nodes, &error);
+        assert_true(status == BVHD_OK || (status == BVHD_NO_MEMORY && memory.live == 0));
+        assert_true(after < 50);
+    }
+    assert_int_equal(nodes.count, 2);
+    assert_string_equal(nodes.files[0], "x.as");
+    assert_string_equal(nodes.files[1], "y.as");
+    manifest_nodes_finish(&nodes);
+    manifest_nodes_finish(&nodes);
+    manifest_nodes_finish(NULL);
+    assert_int_equal(memory.live, 0);
+}
+
 #define OPTIONS(text) "{\"schema\":1,\"options\":" text ",\"structures\":[]}"
 #define KNOWN(members) OPTIONS("{\"target\":\"portable\"," members "}")
 #define LISTS(flags) "\"flags\":" flags ",\"layout\":[],\"geometry_flags\":[\"opaque\"]"
@@ -188,7 +228,8 @@ static void test_options(void **state)
     assert_true(manifest.options.rays == 2.5);
     manifest_finish(&manifest);
     assert_int_equal(
-        read_text(KNOWN(LISTS("[]") ",\"quality\":null,\"rays_per_primitive\":-1"), &memory, &manifest, NULL), BVHD_OK);
+        read_text(KNOWN(LISTS("[]") ",\"quality\":null,\"rays_per_primitive\":1e999"), &memory, &manifest, NULL),
+        BVHD_OK);
     assert_true(manifest.options.are_known && manifest.options.rays == 0);
     assert_int_equal(manifest.options.build.quality, QUALITY_UNSPECIFIED);
     manifest_finish(&manifest);
@@ -364,6 +405,7 @@ int main(void)
         cmocka_unit_test(test_hostile),
         cmocka_unit_test(test_wish),
         cmocka_unit_test(test_options),
+        cmocka_unit_test(test_nodes),
         cmocka_unit_test(test_find_top),
         cmocka_unit_test(test_optional_members),
         cmocka_unit_test(test_find_top_of_file),
