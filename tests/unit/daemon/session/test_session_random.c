@@ -19,7 +19,10 @@ struct asked {
     bool is_build;
     uint32_t count;
     int meshes[8]; /* -1: wrong on purpose */
+    int sources[8]; /* of an update, the mesh that its source was built from, NO_MESH: of none; else NO_UPDATE */
 };
+
+enum { NO_UPDATE = -2, NO_MESH = -1 };
 
 struct actor {
     struct world_client *client;
@@ -50,6 +53,7 @@ static void make_meshes(void)
     for (uint32_t i = 0; i < MESHES; i++) {
         struct batch_item item;
         world_mesh_init(&meshes[i], sizes[i], i);
+        meshes[i].input.flags = i % 3 == 0 ? 0 : BUILD_ALLOW_UPDATE;
         assert_int_equal(batch_build(&meshes[i].input, 1, &limits, &context, &item, NULL), BVHD_OK);
         keys[i] = item.key;
         batch_finish(&item, 1, &memory);
@@ -84,6 +88,15 @@ static struct asked *note(struct actor *actor, bool is_build, uint32_t count)
     return asked;
 }
 
+/* Makes an update of an item, whose source was built from any mesh, or never. */
+static void random_update(struct control_item *item, int *ret_source)
+{
+    *ret_source = below(6) ? (int)below(MESHES) : NO_MESH;
+    item->mode = MODE_UPDATE;
+    item->source = 1;
+    item->source_key = *ret_source == NO_MESH ? (struct key){{(uint8_t)below(256)}} : keys[*ret_source];
+}
+
 /* All items lie in one block: inline when it is small, else a memfd. */
 static void random_build(struct actor *actor)
 {
@@ -103,6 +116,9 @@ static void random_build(struct actor *actor)
         const struct world_mesh *mesh = &meshes[asked->meshes[i] < 0 ? 1 : asked->meshes[i]];
         memcpy(block + offsets[i], mesh->payload, mesh->size);
         items[i] = world_item(&mesh->input, mesh->size, in_frame ? SOURCE_INLINE : SOURCE_MEMFD, offsets[i]);
+        asked->sources[i] = NO_UPDATE;
+        if (below(3) == 0)
+            random_update(&items[i], &asked->sources[i]);
         if (asked->meshes[i] < 0 && below(2))
             items[i].payload_offset = UINT64_MAX;
         else if (asked->meshes[i] < 0)
@@ -132,6 +148,7 @@ static void random_pool_build(struct actor *actor)
     struct control_item item = world_item(&meshes[mesh].input, meshes[mesh].size, SOURCE_POOL, 0);
     struct control_build build = {.item_count = 1, .items = &item};
     asked->meshes[0] = mesh;
+    asked->sources[0] = NO_UPDATE;
     world_build(actor->client, asked->request, &build, (struct bytes){0}, NULL);
 }
 
@@ -141,6 +158,7 @@ static void random_get(struct actor *actor)
     struct key wanted[4];
     for (uint32_t i = 0; i < asked->count; i++) {
         asked->meshes[i] = below(5) ? (int)below(MESHES) : -1;
+        asked->sources[i] = NO_UPDATE;
         wanted[i] = asked->meshes[i] < 0 ? (struct key){{(uint8_t)below(256)}} : keys[asked->meshes[i]];
     }
     world_get(actor->client, asked->request, wanted, asked->count);
@@ -157,6 +175,20 @@ static void random_cancel(struct actor *actor)
     assert_true(status == BVHD_OK || actor->client->failed);
 }
 
+/* An update succeeds only from a source of its own mesh, if that can be updated and is still there. */
+static void check_update(const struct control_result *result, int mesh, int source)
+{
+    bool fits = mesh >= 0 && mesh == source && meshes[mesh].input.flags & BUILD_ALLOW_UPDATE;
+    if (result->error.status == BVHD_OK) {
+        assert_true(fits && result->summary.refits == 1);
+        assert_false(key_equal(&result->key, &keys[mesh]));
+    } else if (result->error.status == BVHD_INVALID) {
+        assert_false(fits);
+    } else if (result->error.status != BVHD_CANCELLED && result->error.status != BVHD_NO_MEMORY) {
+        assert_true(result->error.status == BVHD_SOURCE_LOST || result->error.status == BVHD_BUSY);
+    }
+}
+
 /* Checks one item of a client that stayed to the end. */
 static void check_item(const struct actor *actor, const struct asked *asked, uint32_t item)
 {
@@ -165,6 +197,10 @@ static void check_item(const struct actor *actor, const struct asked *asked, uin
     assert_non_null(event);
     assert_int_equal(world_prepared(actor->client, asked->request, item), asked->is_build);
     enum bvhd_status status = event->result->error.status;
+    if (asked->sources[item] != NO_UPDATE) {
+        check_update(event->result, mesh, asked->sources[item]);
+        return;
+    }
     if (status == BVHD_OK) {
         assert_true(mesh >= 0);
         assert_memory_equal(&event->result->key, &keys[mesh], sizeof keys[mesh]);
