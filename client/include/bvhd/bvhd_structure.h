@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * bvhd_structure.h - acceleration structures as objects of the host, with Vulkan's rules: the sizes that a build needs,
- * creation, copies, serialization, queries and compatibility, for programs that are written in the terms of Vulkan's
- * host commands.
+ * creation, indirect builds, copies, serialization, queries and compatibility, for programs that are written in the
+ * terms of Vulkan's host commands.
  *
  * The structs are Vulkan's own, and a broken rule is reported by its VUID. No call here needs a device, a daemon or the
  * builder: what is built comes from bvhd_batch_submit, and an object holds it.
@@ -122,6 +122,33 @@ struct bvhd_structure_state {
 /* Describes an object. Returns BVHD_INVALID for a NULL pointer. */
 BVHD_API enum bvhd_status bvhd_structure_get(const struct bvhd_structure *structure,
                                              struct bvhd_structure_state *ret_state);
+
+/* ---- Indirect builds ---- */
+
+/* Where the ranges of a build are, as the arguments of vkCmdBuildAccelerationStructuresIndirectKHR. */
+struct bvhd_indirect {
+    size_t struct_size; /* sizeof(struct bvhd_indirect) */
+    uint32_t info_count;
+    const VkAccelerationStructureBuildGeometryInfoKHR *infos;
+    /* addresses[i] has a VkAccelerationStructureBuildRangeInfoKHR every strides[i] bytes: one for each geometry */
+    const void *const *addresses; /* multiples of 4; NULL only without geometries */
+    const uint32_t *strides; /* multiples of 4; with 0, all geometries of an info share one range */
+    const uint32_t *const *max_primitive_counts; /* [i][j]: at least the primitiveCount that is read */
+};
+
+/*
+ * Reads the ranges of indirect builds, for the member `ranges` of struct bvhd_build: once, so that they may change as
+ * soon as this returns. The caller frees them with bvhd_indirect_free after bvhd_batch_submit, which checks the rest of
+ * their rules. Sizes are asked for by the maxima. Places are such as "indirect.strides[2]".
+ *
+ * Returns BVHD_INVALID with the rule; BVHD_NO_MEMORY.
+ */
+BVHD_API enum bvhd_status bvhd_indirect_read(const struct bvhd_indirect *indirect,
+                                             const VkAccelerationStructureBuildRangeInfoKHR *const **ret_ranges,
+                                             struct bvhd_error *ret_error);
+
+/* Frees ranges that were read. NULL is allowed and does nothing. */
+BVHD_API void bvhd_indirect_free(const VkAccelerationStructureBuildRangeInfoKHR *const *ranges);
 
 /* ---- Copies ---- */
 

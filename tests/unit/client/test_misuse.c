@@ -554,7 +554,8 @@ static void structures(void)
     CALL(bvhd_structure_query(&properties, &world.error), BVHD_INVALID, "properties.struct_size", "struct_size is 1");
     CALL(bvhd_structure_compatibility(NULL, NULL, NULL, &world.error), BVHD_INVALID, "info", "info is NULL");
     CALL(bvhd_structure_get(NULL, &is), BVHD_INVALID, NULL, "");
-    QUIET((bvhd_structure_destroy(NULL), bvhd_structure_handle(NULL) == VK_NULL_HANDLE));
+    CALL(bvhd_indirect_read(NULL, NULL, &world.error), BVHD_INVALID, "indirect", "indirect is NULL");
+    QUIET((bvhd_structure_destroy(NULL), bvhd_indirect_free(NULL), bvhd_structure_handle(NULL) == VK_NULL_HANDLE));
 }
 
 static void test_misuses(void **state)
