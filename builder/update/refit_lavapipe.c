@@ -7,7 +7,7 @@
 #include "builder/update/refit_internal.h"
 #include "proto/base/place.h"
 
-enum { LEAF_CHUNK = 8192, BOX = sizeof(struct lavapipe_box) };
+enum { LEAF_CHUNK = 8192, PREFETCH_AHEAD = 12, BOX = sizeof(struct lavapipe_box) };
 
 /* The state of one refit, or of one measurement, for which only the first three are set. */
 struct lavapipe_refit {
@@ -95,9 +95,22 @@ static bool box_of_child(const struct lavapipe_refit *refit, uint32_t reference,
     return leaf != LAVAPIPE_NONE && box_of_leaf(refit, leaf, ret_box);
 }
 
+/* Leaves are in the order of the request, so that those of neighbouring boxes are far apart in memory. */
+static void prefetch_leaves(const struct lavapipe_refit *refit, uint32_t node)
+{
+    const struct lavapipe_box box = lavapipe_tree_box(&refit->source, node);
+    for (int i = 0; i < 2; i++)
+        if (box.children[i] < refit->source.body_size) {
+            __builtin_prefetch(refit->body + box.children[i]);
+            __builtin_prefetch(refit->body + box.children[i] + 32);
+        }
+}
+
 static bool refit_node(void *context, uint32_t node, uint32_t end)
 {
     const struct lavapipe_refit *refit = context;
+    if (node >= PREFETCH_AHEAD)
+        prefetch_leaves(refit, node - PREFETCH_AHEAD);
     struct lavapipe_box box = lavapipe_tree_box(&refit->source, node);
     struct box all = box_empty();
     for (int i = 0; i < 2; i++) {
