@@ -25,6 +25,17 @@
  * Threads: several threads may read an object at once. A call that changes one (hold, and the destination of copy and
  * deserialize) needs it alone, as in Vulkan. Different objects are independent.
  *
+ * Build flags have these effects, beside the rules above:
+ *
+ *     ALLOW_UPDATE          no spatial splits; degenerate primitives stay, because an update may move them
+ *     ALLOW_COMPACTION      COMPACT and its size are allowed
+ *     PREFER_FAST_TRACE     quality high, if the request names none
+ *     PREFER_FAST_BUILD     quality fast, if the request names none
+ *     LOW_MEMORY            no spatial splits: on one thread a build of triangles takes at most 320 bytes for each of
+ *                           them and 64 KiB, with its result and without the program's geometry
+ *     ALLOW_DATA_ACCESS     none of its own: positions are exact in any case, and can be read from each hit, by
+ *                           bvhd_cpu_scene_corners and in shaders
+ *
  * Errors are reported as in bvhd.h; a call that fails changes nothing. Places name members of the struct that the call
  * takes, as "info.mode".
  */
