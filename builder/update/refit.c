@@ -44,8 +44,8 @@ enum bvhd_status refit_measure(struct bytes blob, const struct build_stats *stat
         return unknown_target(header->target, error);
     if (status != BVHD_OK)
         return status;
-    if (!isfinite(cost))
-        return bvhd_error_set(error, BVHD_CORRUPT, "nodes", "the cost of the tree is not finite");
+    if (!(cost >= 0 && isfinite(cost)))
+        return bvhd_error_set(error, BVHD_CORRUPT, "nodes", "the cost of the tree is negative or not finite");
     header->cost = cost;
     header->quality = stats->quality;
     header->refits = 0;

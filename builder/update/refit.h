@@ -44,9 +44,10 @@ enum bvhd_status refit_measure(struct bytes blob, const struct build_stats *stat
  * of the tree as its sah; degenerate primitives are not counted, and the depth is 0, for not known. On success
  * *request->record is complete: it is the source record of the next update.
  *
- * The source may be any bytes: reads never leave them, and BVHD_CORRUPT names what does not fit the record or the
- * layout. Returns BVHD_NO_MEMORY, or BVHD_CANCELLED within a few milliseconds after the flag is set. On failure nothing
- * is held.
+ * The source may be any bytes: reads never leave them. BVHD_CORRUPT names what does not fit the record or the layout,
+ * and BVHD_INCOMPATIBLE a layout that is another one. Returns BVHD_UNSUPPORTED where an inactive instance of a native
+ * structure gets a reference, or loses it; BVHD_NO_MEMORY; BVHD_CANCELLED within a few milliseconds after the flag is
+ * set. On failure nothing is held.
  */
 enum bvhd_status refit(const struct refit_request *request, const struct build_context *context,
                        unsigned char **ret_blob, struct build_stats *ret_stats, struct refit_result *ret_result,
