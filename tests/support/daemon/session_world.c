@@ -265,7 +265,7 @@ void world_open(struct world_gate *gate)
     sem_post(&gate->opened);
 }
 
-static struct world_client *connect_as(struct session_world *world, uint32_t uid)
+struct world_client *world_join_silent_as(struct session_world *world, uint32_t uid)
 {
     struct bvhd_error error;
     assert_true(world->client_count < WORLD_CLIENTS);
@@ -299,7 +299,7 @@ void world_leave(struct world_client *client)
 
 struct world_client *world_join_silent(struct session_world *world)
 {
-    return connect_as(world, 1000);
+    return world_join_silent_as(world, 1000);
 }
 
 struct world_client *world_join(struct session_world *world)
@@ -309,7 +309,7 @@ struct world_client *world_join(struct session_world *world)
 
 struct world_client *world_join_as(struct session_world *world, uint32_t uid)
 {
-    struct world_client *client = connect_as(world, uid);
+    struct world_client *client = world_join_silent_as(world, uid);
     assert_non_null(client);
     assert_int_equal(world_say(client, FRAME_HELLO, 0, NULL), BVHD_OK);
     assert_true(session_is_open(client->session));

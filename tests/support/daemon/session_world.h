@@ -91,12 +91,13 @@ struct world_gate *world_shut_for(struct session_world *world, struct pool_flow 
 void world_open(struct world_gate *gate);
 
 /*
- * Adds a client. world_join and world_join_as also say HELLO; world_join_silent does not, and may return NULL. The user
- * is 1000, except for world_join_as.
+ * Adds a client. world_join and world_join_as also say HELLO; the silent ones do not, and may return NULL. The user is
+ * 1000, unless it is given.
  */
 struct world_client *world_join(struct session_world *world);
 struct world_client *world_join_as(struct session_world *world, uint32_t uid);
 struct world_client *world_join_silent(struct session_world *world);
+struct world_client *world_join_silent_as(struct session_world *world, uint32_t uid);
 void world_leave(struct world_client *client);
 
 /* Gives a frame to the session, which takes the descriptors. */
