@@ -10,6 +10,7 @@
 
 #include "builder/format/lavapipe.h"
 #include "builder/format/portable.h"
+#include "builder/format/serialized.h"
 #include "builder/input/prepare.h"
 #include "builder/update/refit.h"
 #include "builder/update/update_rules.h"
@@ -447,6 +448,31 @@ static void foreign_sources_are_safe(void **state)
     }
 }
 
+/* Boxes whose minimum is above their maximum give a tree a negative cost, which no build does. */
+static void inverted_boxes_have_no_cost(void **state)
+{
+    (void)state;
+    struct world *world = world_of(INDEXED);
+    struct built source = build_world(world);
+    struct bvhd_error error;
+    const uint64_t body = bytes_align(SERIALIZED_HANDLES, PORTABLE_BODY_ALIGNMENT);
+    const struct portable_header *header = (const void *)(source.blob + body);
+    struct portable_node *nodes = (void *)(source.blob + body + header->node_offset);
+    for (uint32_t i = 0; i < header->node_count; i++)
+        for (int slot = 0; slot < 8; slot++) {
+            const uint8_t lo = nodes[i].lo[0][slot];
+            nodes[i].lo[0][slot] = nodes[i].hi[0][slot];
+            nodes[i].hi[0][slot] = lo;
+            nodes[i].hi[1][slot] = nodes[i].lo[1][slot];
+        }
+    assert_int_equal(
+        refit_measure((struct bytes){source.blob, source.size}, &source.stats, &serial, &source.record, &error),
+        BVHD_CORRUPT);
+    assert_string_equal(error.where, "nodes");
+    built_finish(&source);
+    world_finish(world);
+}
+
 /* Structures without any primitive that a ray can hit stay so. */
 static void empty_structures_stay_empty(void **state)
 {
@@ -486,6 +512,7 @@ int main(void)
         cmocka_unit_test(threads_do_not_matter),
         cmocka_unit_test(failures_leave_nothing),
         cmocka_unit_test(foreign_sources_are_safe),
+        cmocka_unit_test(inverted_boxes_have_no_cost),
         cmocka_unit_test(empty_structures_stay_empty),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
