@@ -115,7 +115,7 @@ static enum bvhd_status update_imported(struct update_command *command, struct f
         status = update_sources_align(&command->sources, import, names, error);
     if (status != BVHD_OK)
         return status;
-    const struct assembly_sources sources = {command->sources.aligned, run->options->most_decay};
+    const struct assembly_sources sources = {command->sources.aligned, run->options->most_decay, run->complete.rays};
     progress_begin(&run->progress, "updating", import->name);
     status = assemble_update(import, run->options, &sources, run->backend, &assembly, error);
     progress_end(&run->progress);

@@ -469,7 +469,6 @@ enum bvhd_status options_parse(int argc, char **argv, struct options *ret_option
         .disk_cache_size = UINT64_C(10) << 30,
         .volume = REPORT_RESULTS,
         .interval = 2,
-        .most_decay = 1.5,
         .seed = 1,
         .width = 1280,
         .height = 720,

@@ -83,7 +83,7 @@ struct options {
     double moment; /* in seconds */
     bool has_frames; /* update: at several moments: */
     double frames[3]; /* the first, the last, and the seconds from one to the next */
-    double most_decay; /* update */
+    double most_decay; /* update; 0: not given */
     const char *animation; /* its name or number; NULL: not given */
     const char *scene; /* name or number of a scene in its file, or name of one in the directory; NULL: not given */
 

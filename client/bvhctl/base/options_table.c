@@ -50,7 +50,7 @@ const struct option_row option_rows[] = {
      "update to each moment from A to B, in steps of so many seconds; without -o the last one stays"},
     {"decay", OPTION_DECAY, "FACTOR", ON_UPDATE,
      "build a structure when its update costs rays more than this many times what it did after the last build "
-     "(default 1.5)"},
+     "(default: where building pays for the rays that the build expected, or for one a primitive; balanced: 1.7)"},
     {"at", OPTION_AT, "SEC", ON_BUILD | ON_UPDATE,
      "read glTF files at this moment of an animation, with skins and morph targets (default: at rest, without them; "
      "update: as it was built)"},

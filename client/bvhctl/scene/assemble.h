@@ -38,7 +38,8 @@ struct assembly_source {
 
 struct assembly_sources {
     const struct assembly_source *items; /* of the bottom levels of the import, and then of the top level */
-    double most_decay; /* above it a structure is built instead */
+    double most_decay; /* above it a structure is built instead; 0: where building pays (builder/update/decay.h) */
+    double rays; /* expected for each primitive and update; 0: not known */
 };
 
 struct assembly {

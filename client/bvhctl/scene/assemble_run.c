@@ -2,6 +2,7 @@
 /* assemble_run.c - runs the requests of an assembly: updates, and the builds that are needed after all. */
 #include <string.h>
 
+#include "builder/update/decay.h"
 #include "client/bvhctl/scene/assemble_internal.h"
 
 /* The handles of sources are numbered from here: those of the scene's structures are smaller. */
@@ -42,6 +43,13 @@ static enum bvhd_status run_updates(const struct scene_build *job, const struct 
     return status;
 }
 
+static bool has_decayed(const struct assembly_sources *sources, const struct bvhd_result *item)
+{
+    const double most = sources->most_decay > 0 ? sources->most_decay
+                                                : decay_to_rebuild((enum build_quality)item->quality, sources->rays);
+    return item->decay > most;
+}
+
 /* Says what came of an item that was to be updated. */
 static enum assembly_method judge(const struct scene_build *job, const struct bvhd_result *item)
 {
@@ -50,7 +58,7 @@ static enum assembly_method judge(const struct scene_build *job, const struct bv
         return ASSEMBLY_LOST;
     if (error->status == BVHD_INVALID && (error->vuid == BVHD_VUID_03663 || error->vuid == BVHD_VUID_03664))
         return ASSEMBLY_OTHER_ACTIVE;
-    bool is_decayed = error->status == BVHD_OK && item->decay > job->sources->most_decay;
+    bool is_decayed = error->status == BVHD_OK && has_decayed(job->sources, item);
     return is_decayed ? ASSEMBLY_DECAYED : ASSEMBLY_UPDATED;
 }
 

@@ -278,20 +278,26 @@ static void test_updates(void **state)
         double decay;
         enum assembly_method method;
         enum bvhd_status status; /* in the end */
+        double most_decay, rays;
     } plans[] = {
-        {{.status = BVHD_OK}, 1.4, ASSEMBLY_UPDATED, BVHD_OK},
-        {{.status = BVHD_OK}, 1.6, ASSEMBLY_DECAYED, BVHD_OK},
-        {{.status = BVHD_SOURCE_LOST}, 0, ASSEMBLY_LOST, BVHD_OK},
-        {{.status = BVHD_INVALID, .vuid = BVHD_VUID_03663}, 0, ASSEMBLY_OTHER_ACTIVE, BVHD_OK},
-        {{.status = BVHD_INVALID, .vuid = BVHD_VUID_03664}, 0, ASSEMBLY_OTHER_ACTIVE, BVHD_OK},
-        {{.status = BVHD_INVALID, .vuid = BVHD_VUID_03758}, 0, ASSEMBLY_UPDATED, BVHD_INVALID},
+        {{.status = BVHD_OK}, 1.4, ASSEMBLY_UPDATED, BVHD_OK, 1.5, 0},
+        {{.status = BVHD_OK}, 1.6, ASSEMBLY_DECAYED, BVHD_OK, 1.5, 0},
+        {{.status = BVHD_OK}, 1.4, ASSEMBLY_UPDATED, BVHD_OK, 0, 0},
+        {{.status = BVHD_OK}, 9, ASSEMBLY_DECAYED, BVHD_OK, 0, 0},
+        {{.status = BVHD_OK}, 9, ASSEMBLY_UPDATED, BVHD_OK, 0, 0.01},
+        {{.status = BVHD_OK}, 1.4, ASSEMBLY_DECAYED, BVHD_OK, 0, 100},
+        {{.status = BVHD_OK}, 1.4, ASSEMBLY_UPDATED, BVHD_OK, 1.5, 100},
+        {{.status = BVHD_SOURCE_LOST}, 0, ASSEMBLY_LOST, BVHD_OK, 1.5, 0},
+        {{.status = BVHD_INVALID, .vuid = BVHD_VUID_03663}, 0, ASSEMBLY_OTHER_ACTIVE, BVHD_OK, 1.5, 0},
+        {{.status = BVHD_INVALID, .vuid = BVHD_VUID_03664}, 0, ASSEMBLY_OTHER_ACTIVE, BVHD_OK, 1.5, 0},
+        {{.status = BVHD_INVALID, .vuid = BVHD_VUID_03758}, 0, ASSEMBLY_UPDATED, BVHD_INVALID, 1.5, 0},
     };
     struct test_world world;
     test_world_init(&world, 1);
     for (size_t i = 0; i < sizeof plans / sizeof *plans; i++) {
         struct refitting refitting = {.backend = {refit_or_build, release_refit}, .real = &world.backend.backend};
         struct assembly_source items[3] = {{true, {{1}}}, {true, {{2}}}, {true, {{3}}}};
-        const struct assembly_sources sources = {items, 1.5};
+        const struct assembly_sources sources = {items, plans[i].most_decay, plans[i].rays};
         struct assembly assembly;
         bool is_rebuilt = plans[i].method != ASSEMBLY_UPDATED;
         for (int k = 0; k < 3; k++)
@@ -324,7 +330,7 @@ static void test_update_of_some(void **state)
     struct refitting refitting = {
         .backend = {refit_or_build, release_refit}, .real = &world.backend.backend, .decays = {1, 1}};
     const struct assembly_source items[3] = {{true, {{1}}}, {0}, {0}};
-    const struct assembly_sources sources = {items, 1.5};
+    const struct assembly_sources sources = {items, 1.5, 0};
     refitting.expected[0] = items[0].key;
     assert_int_equal(assemble_update(&world.import, &world.options, &sources, &refitting.backend, &assembly, NULL),
                      BVHD_OK);
