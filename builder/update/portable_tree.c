@@ -7,13 +7,14 @@
 #include <emmintrin.h>
 #endif
 
-/* Leaves are written in order and without gaps, and so are the records of the next node. */
+/* Leaves are written in order and without gaps, from the first record on, and so are the records of the next node. */
 static bool records_are_in_order(const struct portable_view *view, uint32_t node, unsigned records)
 {
     const struct portable_header *header = view->header;
     const uint32_t first = view->nodes[node].first_record,
                    next = node + 1 < header->node_count ? view->nodes[node + 1].first_record : header->record_count;
-    return first <= header->record_count && records <= header->record_count - first && first + records == next;
+    return (node > 0 || first == 0) && first <= header->record_count && records <= header->record_count - first &&
+           first + records == next;
 }
 
 static bool children_are_inside(const struct portable_node *own, uint32_t node, uint32_t end, unsigned inner)
