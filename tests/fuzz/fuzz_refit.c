@@ -44,7 +44,7 @@ static const struct {
     {EMPTY, TARGET_LAVAPIPE, 0, LAVAPIPE_PLAIN},
 };
 
-enum { KINDS = sizeof kinds / sizeof kinds[0] };
+enum { KINDS = sizeof kinds / sizeof kinds[0], BOXES_KIND = 3 };
 
 /* What is made of each kind before the first input, and kept. */
 struct sound {
@@ -322,14 +322,29 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     return 0;
 }
 
+/* Leaves the only node of a portable structure with one leaf, of the second record. */
+static void skip_record(uint8_t *blob)
+{
+    const uint64_t body = bytes_align(SERIALIZED_HANDLES, PORTABLE_BODY_ALIGNMENT);
+    struct portable_node node;
+    memcpy(&node, blob + body + sizeof(struct portable_header), sizeof node);
+    node.first_record = 1;
+    memset(node.meta, 0, sizeof node.meta);
+    node.meta[7] = 0x21;
+    memcpy(blob + body + sizeof(struct portable_header), &node, sizeof node);
+}
+
 /*
  * Samples are each kind with its own record and structure: as they are, with a record that cannot be lost, and with
- * sizes that are repaired, too.
+ * sizes that are repaired, too. In the last one no leaf holds the first record.
  */
 size_t fuzz_sample(uint32_t index, uint8_t *ret_bytes)
 {
     static const uint8_t choices[] = {0, CHOICE_RECORD, CHOICE_RECORD | CHOICE_REPAIR};
-    if (index >= sizeof choices * KINDS)
+    const bool is_last = index == sizeof choices * KINDS;
+    if (is_last)
+        index = BOXES_KIND;
+    else if (index > sizeof choices * KINDS)
         return 0;
     const struct sound *sound = sound_of(index % KINDS);
     const struct bytes record = sound->record.bytes, blob = sound->blob;
@@ -340,5 +355,7 @@ size_t fuzz_sample(uint32_t index, uint8_t *ret_bytes)
     memcpy(ret_bytes + 2, &record_size, sizeof record_size);
     memcpy(ret_bytes + HEAD, record.data, record.size);
     memcpy(ret_bytes + HEAD + record.size, blob.data, blob.size);
+    if (is_last)
+        skip_record(ret_bytes + HEAD + record.size);
     return HEAD + record.size + blob.size;
 }
