@@ -18,15 +18,22 @@
 
 #include "tests/support/daemon/hostile.h"
 
-/* The thread sanitizer makes a thread that others wake all the time about twenty times as slow. */
-#if defined(__SANITIZE_THREAD__)
-enum { SLOWNESS = 20 };
-#elif defined(__has_feature)
+/*
+ * ThreadSanitizer makes a thread that others wake all the time about twenty times as slow, and AddressSanitizer one
+ * that parses frames about five times.
+ */
+#if defined(__has_feature)
 #if __has_feature(thread_sanitizer)
 enum { SLOWNESS = 20 };
+#elif __has_feature(address_sanitizer)
+enum { SLOWNESS = 5 };
 #else
 enum { SLOWNESS = 1 };
 #endif
+#elif defined(__SANITIZE_THREAD__)
+enum { SLOWNESS = 20 };
+#elif defined(__SANITIZE_ADDRESS__)
+enum { SLOWNESS = 5 };
 #else
 enum { SLOWNESS = 1 };
 #endif
