@@ -21,7 +21,7 @@ enum { BUILD_VERSION = 6 };
 /* Part of the keys of updates: changes whenever the same update of the same structure would give other bytes. */
 enum { REFIT_VERSION = 1 };
 
-/* What a ray's test of a triangle costs, relative to a wide node. All other records cost as much as a node. */
+/* The cost of testing a ray against a triangle, in visits of a wide node. Any other record costs as much as a node. */
 #define BUILD_TRIANGLE_COST 0.3f
 
 /*

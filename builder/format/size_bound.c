@@ -6,7 +6,7 @@
 #include "builder/format/layout.h"
 
 /*
- * Spatial splits add at most two refs to five (spatial_capacity), and below so many refs quality fast makes one piece,
+ * Spatial splits add at most two refs to five (spatial_capacity). Below ONE_PIECE refs quality fast makes one piece,
  * all of whose wide nodes except a root over a single leaf have two children or more (method_piece_size).
  */
 enum { ADDED_REFS = 2, TO_REFS = 5, ONE_PIECE = 4096 };

@@ -13,7 +13,7 @@
 #include "builder/update/refit.h"
 #include "proto/base/request_limits.h"
 
-/* What an update starts from: bytes and record of a structure that was built or updated with ALLOW_UPDATE. */
+/* The source of an update: a structure that was built or updated with ALLOW_UPDATE, and its record. */
 struct build_entry_source {
     struct bytes blob; /* 16-byte aligned */
     struct bytes record; /* 8-byte aligned; no bytes: it was built without ALLOW_UPDATE */

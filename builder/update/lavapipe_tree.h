@@ -29,7 +29,8 @@ uint32_t lavapipe_tree_room(const struct lavapipe_view *view);
 uint32_t lavapipe_tree_count(const struct lavapipe_view *view);
 
 /*
- * Cuts the tree of so many box nodes. Returns false if they are not in depth-first order, as far as the cut looks.
+ * Cuts a tree of `count` box nodes into parts. Returns false if it finds nodes that are not in depth-first order; it
+ * looks at the nodes above the parts alone.
  */
 bool lavapipe_tree_cut(const struct lavapipe_view *view, uint32_t count, struct subtrees *subtrees);
 

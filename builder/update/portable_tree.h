@@ -9,7 +9,7 @@
 #include "builder/format/portable.h"
 #include "builder/update/subtrees.h"
 
-/* What one node holds. */
+/* The children and records of one node. */
 struct portable_shape {
     unsigned occupied; /* bit s: slot s is used */
     unsigned inner; /* bit s: by an inner child */

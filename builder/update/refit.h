@@ -16,7 +16,7 @@
 #include "builder/build.h"
 #include "builder/update/record.h"
 
-/* What refit() works on. Everything but *record is only read. */
+/* The input of refit(), which only reads it, and `record`, which it completes. */
 struct refit_request {
     struct bytes source; /* the blob of the source, 16-byte aligned; it must not change during the call */
     const struct record *source_record;

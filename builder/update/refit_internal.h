@@ -7,13 +7,13 @@
 #include "builder/update/refit.h"
 #include "builder/update/subtrees.h"
 
-/* What is known about a node when it has been visited: 32 bytes, the box first. */
+/* The result of visiting a node: 32 bytes, the box first. */
 struct refit_node {
     struct box box;
     double cost; /* of its subtree, not yet over the root's area */
 };
 
-/* What a layout's refit gives back. */
+/* The result of the refit of a layout. */
 struct refit_output {
     unsigned char *blob;
     struct box bounds; /* empty for an empty tree */
