@@ -43,6 +43,12 @@ enum bvhd_status session_open(struct service *service, const struct session_peer
 enum bvhd_status session_frame(struct session *session, const struct frame *frame, struct bvhd_error *error);
 
 /*
+ * Counts a connection that ends because its client broke the protocol, unless `status` is a shortage of memory.
+ * session_frame counts what it refuses; the caller counts what breaks before a frame is whole.
+ */
+void session_count_broken(struct session *session, enum bvhd_status status);
+
+/*
  * Tells the session that a reply was sent or dropped, so that its credits are free again. The connection calls it
  * before reply_destroy, but not after session_close, which frees all credits.
  */

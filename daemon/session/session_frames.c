@@ -283,6 +283,11 @@ static enum bvhd_status dispatch(struct session *session, const struct frame *fr
     }
 }
 
+void session_count_broken(struct session *session, enum bvhd_status status)
+{
+    session->service->counters.protocol_errors += status != BVHD_NO_MEMORY;
+}
+
 enum bvhd_status session_frame(struct session *session, const struct frame *frame, struct bvhd_error *error)
 {
     struct bvhd_error reason;
@@ -293,7 +298,7 @@ enum bvhd_status session_frame(struct session *session, const struct frame *fram
         session_drop_descriptors(session, frame, 0);
     service_pump(session->service);
     if (status != BVHD_OK) {
-        session->service->counters.protocol_errors += status != BVHD_NO_MEMORY;
+        session_count_broken(session, status);
         if (error)
             *error = reason;
     }

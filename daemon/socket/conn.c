@@ -130,6 +130,13 @@ static void fail(struct conn *conn, const struct bvhd_error *error)
     conn->end_by = now_of(conn) + conn->group->limits.linger_ms;
 }
 
+/* Ends the connection of a client that broke the protocol before a frame was whole, which the session cannot see. */
+static void fail_broken(struct conn *conn, const struct bvhd_error *error)
+{
+    session_count_broken(conn->session, error->status);
+    fail(conn, error);
+}
+
 static bool is_queue_full(const struct conn *conn)
 {
     const struct conn_limits *limits = &conn->group->limits;
@@ -166,7 +173,7 @@ static bool receive(struct conn *conn, uint64_t *bytes)
     conn->reading_waits = result == INLET_SHORT;
     conn->lost |= result == INLET_END;
     if (result == INLET_BROKEN)
-        fail(conn, &error);
+        fail_broken(conn, &error);
     return result == INLET_DATA || result == INLET_LAST;
 }
 
@@ -188,7 +195,7 @@ static bool take_frames(struct conn *conn)
             break;
         }
         if (inlet_next(&conn->inlet, &frame, &found, &error) != BVHD_OK) {
-            fail(conn, &error);
+            fail_broken(conn, &error);
         } else if (found) {
             take_frame(conn, &frame);
             frames++;
@@ -286,7 +293,7 @@ static void check_deadlines(struct conn *conn)
     if (has_passed(conn, conn->hello_by)) {
         struct bvhd_error error;
         bvhd_error_set(&error, BVHD_INVALID, "connection", "no HELLO within %u ms", conn->group->limits.hello_ms);
-        fail(conn, &error);
+        fail_broken(conn, &error);
         write_replies(conn);
     }
     if (has_passed(conn, conn->read_by) || has_passed(conn, conn->frame_by) || has_passed(conn, conn->write_by)) {

@@ -36,7 +36,7 @@ static struct bvhd_blob *held[HELD];
 static struct bvhd_key keys[HELD]; /* of results */
 static struct wrong_frames wrong;
 static struct raw_client wrong_clients[WRONG];
-static uint64_t requests, good_results, late_results, refused_results;
+static uint64_t requests, good_results, late_results, refused_results, broken_connections;
 
 static uint32_t below(uint32_t bound)
 {
@@ -212,6 +212,7 @@ static void break_protocol(uint32_t index)
     if (raw_try_hello(&client)) {
         raw_send(&client, bytes, sizeof bytes, NULL, 0);
         hostile_expect(raw_await_close(&client, PATIENCE_MS, NULL), "bytes that are no frame are accepted");
+        broken_connections++;
     }
     raw_close(&client);
 }
@@ -324,6 +325,8 @@ int main(int argc, char **argv)
         printf("%s%llu %s", i > 0 ? ", " : "the daemon counts ", (unsigned long long)value, counted[i]);
         hostile_expect(value > 0, "no %s", counted[i]);
     }
+    hostile_expect(hostile_counter(&hostile, "protocol_errors") >= broken_connections,
+                   "a broken protocol is not counted");
     printf("\n%llu requests in %.0f ms: %llu results, %llu cancelled or late, %llu refused\n",
            (unsigned long long)requests, hostile_now() - begin, (unsigned long long)good_results,
            (unsigned long long)late_results, (unsigned long long)refused_results);

@@ -122,6 +122,11 @@ static void fail(struct session *session)
     session->link.fail(session->link.context, &error);
 }
 
+void session_count_broken(struct session *session, enum bvhd_status status)
+{
+    session->service->broken += status != BVHD_NO_MEMORY;
+}
+
 enum bvhd_status session_frame(struct session *session, const struct frame *frame, struct bvhd_error *error)
 {
     session->service->frames++;

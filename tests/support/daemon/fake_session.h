@@ -26,6 +26,7 @@ struct fake_service {
     uint32_t refused; /* clients that were turned away */
     uint32_t opened, closed; /* numbers of sessions */
     uint32_t frames, sent; /* frames received; replies that have been sent */
+    uint32_t broken; /* connections whose clients broke the protocol before a frame was whole */
     uint64_t read_bytes; /* of results whose descriptors clients have read */
     uint64_t frame_bytes; /* of frames that have not arrived completely, as the connections say */
     bool has_no_frames; /* session_set_frame refuses large ones */

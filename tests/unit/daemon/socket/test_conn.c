@@ -63,6 +63,8 @@ static void test_broken_protocol(void **state)
     bed_send(failing, FAKE_FAIL, 1);
     bed_expect_error(&bed, failing, BVHD_NO_MEMORY);
     assert_int_equal(bed.service.closed, 3);
+    assert_int_equal(bed.service.broken,
+                     1); /* `corrupt`: the session counts what breaks the protocol in whole frames */
     bed_send(good, FRAME_PING, 9);
     bed_expect(&bed, good, FRAME_PONG, 9);
     bed_close(&bed);
