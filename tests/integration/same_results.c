@@ -12,6 +12,7 @@
 
 #include <bvhd/bvhd.h>
 
+#include "builder/format/lavapipe.h"
 #include "tests/support/daemon/service_process.h"
 
 /* Info 0 is what a case changes; info 1 is a mesh, 2 boxes, 3 a top level over info 1. */
@@ -410,36 +411,71 @@ static struct bvhd_batch *run(struct bvhd_client *client, const struct request *
     return batch;
 }
 
-static void compare_updates(const char *name, struct bvhd_batch *const batches[2], uint32_t refits)
+/* What the structures of a chain are made for. */
+struct chain {
+    const char *name;
+    enum bvhd_target target;
+    uint32_t variant; /* of a native target */
+};
+
+static const struct chain chains[] = {
+    {"portable", BVHD_TARGET_PORTABLE, 0},
+    {"lavapipe", BVHD_TARGET_LAVAPIPE, LAVAPIPE_PLAIN},
+    {"lavapipe, compacted", BVHD_TARGET_LAVAPIPE, LAVAPIPE_COMPACTED},
+};
+
+static void compare_updates(const struct chain *chain, struct bvhd_batch *const batches[2], uint32_t refits)
 {
+    const char *name = chain->name;
     for (uint32_t i = 0; i < INFOS; i++) {
         const struct bvhd_result *a = bvhd_batch_result(batches[0], i), *b = bvhd_batch_result(batches[1], i);
         compare_results(name, a, b);
         expect(a->error.status == BVHD_OK, name, a->error.text);
         expect(a->refits == refits && (a->decay > 0) == (refits > 0), name, "it is no update, or no build");
+        expect(a->target == chain->target, name, "the target is another one");
     }
 }
 
+/* Each update has other bytes than its source. */
+static void compare_moves(const struct chain *chain, struct bvhd_batch *source, struct bvhd_batch *update)
+{
+    for (uint32_t i = 0; i < INFOS; i++) {
+        const struct bvhd_result *a = bvhd_batch_result(source, i), *b = bvhd_batch_result(update, i);
+        expect(a->size != b->size || memcmp(a->data, b->data, a->size) != 0, chain->name, "an update changes nothing");
+    }
+}
+
+static void describe_chain(struct request *request, const struct chain *chain)
+{
+    describe(request);
+    request->build.target = chain->target;
+    request->format = (struct bvhd_format){sizeof request->format, chain->target, chain->variant, {1}, {2}};
+    if (chain->target != BVHD_TARGET_PORTABLE)
+        request->build.format = &request->format;
+}
+
 /* A chain of updates; the last one goes to other numbers. Each batch is destroyed before the next but one begins. */
-static void compare_chain(struct bvhd_client *const clients[2], struct request *request)
+static void compare_chain(struct bvhd_client *const clients[2], struct request *request, const struct chain *chain)
 {
     struct bvhd_batch *batches[2], *last[2];
     struct bvhd_reference references[INFOS];
-    describe(request);
+    describe_chain(request, chain);
     for (uint32_t i = 0; i < INFOS; i++)
         request->infos[i].flags = VK_BUILD_ACCELERATION_STRUCTURE_ALLOW_UPDATE_BIT_KHR;
     for (int k = 0; k < 2; k++)
         batches[k] = run(clients[k], request);
-    compare_updates("updatable", batches, 0);
+    compare_updates(chain, batches, 0);
     for (uint32_t step = 1; step <= STEPS; step++) {
         move(request, step);
         for (int k = 0; k < 2; k++) {
             last[k] = batches[k];
             describe_update(request, last[k], step < STEPS, references);
             batches[k] = run(clients[k], request);
-            bvhd_batch_destroy(last[k]);
         }
-        compare_updates("update", batches, step);
+        compare_updates(chain, batches, step);
+        compare_moves(chain, last[0], batches[0]);
+        for (int k = 0; k < 2; k++)
+            bvhd_batch_destroy(last[k]);
     }
     for (int k = 0; k < 2; k++)
         bvhd_batch_destroy(batches[k]);
@@ -521,7 +557,8 @@ static void compare_all_updates(struct bvhd_client *const clients[2])
     struct request *request = malloc(sizeof *request);
     if (!request)
         exit(1);
-    compare_chain(clients, request);
+    for (size_t i = 0; i < sizeof chains / sizeof *chains; i++)
+        compare_chain(clients, request, &chains[i]);
     for (size_t i = 0; i < sizeof wrong_updates / sizeof *wrong_updates; i++)
         compare_wrong_update(clients, request, VK_BUILD_ACCELERATION_STRUCTURE_ALLOW_UPDATE_BIT_KHR, &wrong_updates[i]);
     compare_wrong_update(clients, request, 0, &plain);
