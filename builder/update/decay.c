@@ -2,14 +2,14 @@
 #include "builder/update/decay.h"
 
 /*
- * The time of building a primitive, over that of a diffuse ray through the built tree: of BALANCED as `bench_decay`
- * measures it, of the others in proportion to the rates in PERFORMANCE.md.
+ * The time of building a primitive, over that of a diffuse ray through the built tree: medians over the poses that
+ * `bench_decay --quality NAME` measures (docs/journal/updates.md).
  */
 static double build_in_rays(enum build_quality quality)
 {
     if (quality == QUALITY_FAST)
         return 0.13;
-    return quality == QUALITY_HIGH ? 2.4 : 0.3;
+    return quality == QUALITY_HIGH ? 1.9 : 0.3;
 }
 
 double decay_to_rebuild(enum build_quality quality, double rays_per_primitive)

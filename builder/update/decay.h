@@ -7,8 +7,8 @@
  *     build_ns < rays per primitive * (ray_ns through the updated tree - ray_ns through a built tree)
  *
  * Measured on twisted meshes (PERFORMANCE.md), the time of a ray grows about as the square root of the decay, and a
- * balanced build takes as long as 0.3 rays for each primitive. Only ratios of times matter, so the rule holds for
- * other machines and numbers of threads, as long as both builds and rays use all of them.
+ * build takes as long as 0.13 (FAST), 0.3 (BALANCED) or 1.9 rays (HIGH) for each primitive. Only ratios of times
+ * matter, so the rule holds for other machines and numbers of threads, as long as both builds and rays use all of them.
  *
  * Decay compares a tree with the pose of its last build. It tells nothing about a pose that is worse, or better, for
  * every tree, and after a build in an unusual pose it may be below 1 although a build would pay. No other figure

@@ -2,13 +2,15 @@
 /*
  * bench_decay - measures what updates cost in rays a second as a mesh is twisted, beside a build of each pose.
  *
- *     bench_decay [--size N] [--picture N] [--runs N] [--threads N] [--from DEGREES] [-o DIR] SCENE...
+ *     bench_decay [--quality NAME] [--size N] [--picture N] [--runs N] [--threads N] [--from DEGREES] [-o DIR]
+ *                 SCENE...
  *
  * A scene is a PLY file or the name of a generated scene (bvhd_bench/scene_source.h) of N triangles (50,000). It is
  * built once, twisted by DEGREES (0), and updated from there to each angle: the two ends of its longest axis are then
  * turned against each other by that angle. Rays are those of a picture of N x N pixels (192), and as many diffuse ones,
  * through the CPU traversal. Times are medians of N runs (5), in processor time with one thread (the default), and in
- * wall-clock time with more. A table goes to stdout; DIR gets decay.csv, and the chart as decay.svg and decay.png.
+ * wall-clock time with more. NAME is fast, balanced (the default) or high. A table goes to stdout, and then what the
+ * rule of builder/update/decay.h rests on and what it loses; DIR gets decay.csv, and the chart as decay.svg and .png.
  */
 #include "tests/bench/bench_decay.h"
 
@@ -19,6 +21,7 @@
 #include <string.h>
 
 #include "builder/input/prepare.h"
+#include "builder/update/decay.h"
 #include "builder/update/refit.h"
 #include "builder/update/update_rules.h"
 #include "tests/bench/bvhd_bench/ray_sets.h"
@@ -33,6 +36,7 @@ struct options {
     unsigned threads;
     int runs;
     double from;
+    const struct method *method;
     const char *directory;
 };
 
@@ -112,14 +116,15 @@ static struct build_context context_of(struct bench *bench)
     return (struct build_context){.memory = &bench->memory, .parallel = bench->parallel};
 }
 
-static struct pose start(struct bench *bench, const struct ply *mesh, struct build_options *ret_options)
+static struct pose start(struct bench *bench, const struct method *method, const struct ply *mesh,
+                         struct build_options *ret_options)
 {
     const struct limits limits = limits_default();
     const struct build_context context = context_of(bench);
-    struct pose pose = {.subject = {.method = method_find("balanced"), .memory = &bench->memory}, .decay = 1};
+    struct pose pose = {.subject = {.method = method, .memory = &bench->memory}, .decay = 1};
     struct geometry geometry;
     struct bvhd_error error;
-    struct build_input input = ply_input(mesh, QUALITY_BALANCED, &geometry);
+    struct build_input input = ply_input(mesh, method->quality, &geometry);
     input.flags = BUILD_ALLOW_UPDATE;
     *ret_options = input.options;
     must(prepare(&input, 0, &limits, &context, &pose.canonical, &error), &error);
@@ -136,12 +141,12 @@ static void open_pose(struct pose *pose)
          &error);
 }
 
-static struct pose build_pose(struct bench *bench, const struct ply *mesh)
+static struct pose build_pose(struct bench *bench, const struct method *method, const struct ply *mesh)
 {
     const struct build_context context = context_of(bench);
     struct build_options options;
     struct bvhd_error error;
-    struct pose pose = start(bench, mesh, &options);
+    struct pose pose = start(bench, method, mesh, &options);
     struct subject *subject = &pose.subject;
     const double begin = stopwatch_ms(bench->threads);
     must(build(&pose.canonical, &options, &context, &subject->blob, &subject->stats, &error), &error);
@@ -159,7 +164,7 @@ static struct pose update_pose(struct bench *bench, const struct ply *mesh, cons
     struct build_options options;
     struct refit_result result;
     struct bvhd_error error;
-    struct pose pose = start(bench, mesh, &options);
+    struct pose pose = start(bench, source->subject.method, mesh, &options);
     struct subject *subject = &pose.subject;
     must(update_rules_check(&source->record, &pose.record, 0, &error), &error);
     const struct refit_request request = {
@@ -218,7 +223,7 @@ static struct decay_row measure_angle(struct bench *bench, const struct options 
     struct statistic update_ms = {.count = 0}, build_ms = {.count = 0};
     struct ply moved = twisted(mesh, angle);
     for (int run = 0; run < options->runs; run++) {
-        struct pose updated = update_pose(bench, &moved, source), fresh = build_pose(bench, &moved);
+        struct pose updated = update_pose(bench, &moved, source), fresh = build_pose(bench, options->method, &moved);
         statistic_add(&update_ms, updated.subject.ms);
         statistic_add(&build_ms, fresh.subject.ms);
         if (run + 1 == options->runs) {
@@ -250,7 +255,7 @@ static bool measure(struct bench *bench, const struct options *options, const ch
     if (!mesh)
         return false;
     struct ply first = twisted(mesh, options->from);
-    struct pose source = build_pose(bench, &first);
+    struct pose source = build_pose(bench, options->method, &first);
     *ret_scene = (struct decay_scene){.name = slash ? slash + 1 : path, .triangles = mesh->triangle_count};
     for (int i = 0; i < DECAY_ANGLES; i++) {
         ret_scene->rows[i] = measure_angle(bench, options, mesh, &source, angles[i]);
@@ -264,6 +269,49 @@ static bool measure(struct bench *bench, const struct options *options, const ch
     free(first.positions);
     ply_free(mesh);
     return true;
+}
+
+/* ---- the rule ---- */
+
+static void print_build_in_rays(const struct decay_scene *scene)
+{
+    struct statistic value = {.count = 0};
+    for (int i = 0; i < DECAY_ANGLES; i++)
+        statistic_add(&value, 1e3 * scene->rows[i].build_ms * scene->rows[i].fresh_rate[1] / scene->triangles);
+    printf("%-16s a build takes as long as %.3f diffuse rays for each primitive (%.3f to %.3f)\n", scene->name,
+           statistic_median(&value), statistic_least(&value), statistic_most(&value));
+}
+
+/* Returns how much longer the rule's choice takes than the better of updating and building, as a share. */
+static double loss_of(const struct decay_results *results, const struct decay_scene *scene, const struct decay_row *row,
+                      double rays)
+{
+    const double updated = row->update_ms + 1e-3 * rays * scene->triangles / row->rate[1],
+                 built = row->build_ms + 1e-3 * rays * scene->triangles / row->fresh_rate[1];
+    const bool builds = row->decay > decay_to_rebuild(results->quality, rays);
+    return (builds ? built : updated) / fmin(updated, built) - 1;
+}
+
+static void print_loss(const struct decay_results *results, double rays)
+{
+    double sum = 0, most = 0;
+    for (int i = 0; i < results->scene_count; i++)
+        for (int k = 0; k < DECAY_ANGLES; k++) {
+            const double loss = loss_of(results, &results->scenes[i], &results->scenes[i].rows[k], rays);
+            sum += loss;
+            most = fmax(most, loss);
+        }
+    printf("with %g rays a primitive the rule loses %.1f %% on average, and %.1f %% at most\n", rays,
+           100 * sum / (DECAY_ANGLES * results->scene_count), 100 * most);
+}
+
+static void print_rule(const struct decay_results *results)
+{
+    static const double rays[] = {0.1, 0.3, 1, 3, 10, 30};
+    for (int i = 0; i < results->scene_count; i++)
+        print_build_in_rays(&results->scenes[i]);
+    for (size_t i = 0; i < sizeof rays / sizeof *rays; i++)
+        print_loss(results, rays[i]);
 }
 
 /* ---- the program ---- */
@@ -288,8 +336,9 @@ static bool write_table(const struct decay_results *results, const char *directo
 
 static int usage(void)
 {
-    fprintf(stderr, "usage: bench_decay [--size N] [--picture N] [--runs N] [--threads N] [--from DEGREES] [-o DIR] "
-                    "SCENE...\n       (at most 8 scenes; the picture's size is a multiple of 8)\n");
+    fprintf(stderr,
+            "usage: bench_decay [--quality NAME] [--size N] [--picture N] [--runs N] [--threads N] "
+            "[--from DEGREES] [-o DIR] SCENE...\n       (at most 8 scenes; the picture's size is a multiple of 8)\n");
     return 2;
 }
 
@@ -297,6 +346,8 @@ static bool parse(struct options *options, const char *name, const char *value)
 {
     if (strcmp(name, "-o") == 0)
         options->directory = value;
+    else if (strcmp(name, "--quality") == 0)
+        options->method = strchr(value, '/') ? NULL : method_find(value);
     else if (strcmp(name, "--from") == 0)
         options->from = atof(value);
     else if (strcmp(name, "--size") == 0)
@@ -309,14 +360,15 @@ static bool parse(struct options *options, const char *name, const char *value)
         options->threads = (unsigned)atoi(value);
     else
         return false;
-    return options->size >= 100 && options->picture >= 8 && options->picture % 8 == 0 && options->picture <= 4096 &&
-           options->runs >= 1 && options->runs <= STATISTIC_MAX && options->threads >= 1 &&
-           options->threads <= WORKERS_MAX_THREADS;
+    return options->method && options->method->kind == METHOD_OWN && options->size >= 100 && options->picture >= 8 &&
+           options->picture % 8 == 0 && options->picture <= 4096 && options->runs >= 1 &&
+           options->runs <= STATISTIC_MAX && options->threads >= 1 && options->threads <= WORKERS_MAX_THREADS;
 }
 
 int main(int argc, char **argv)
 {
     struct options options = {.size = 50000, .picture = 192, .runs = 5, .threads = 1};
+    options.method = method_find("balanced");
     static struct decay_results results;
     struct bench bench;
     int first = 1;
@@ -328,8 +380,9 @@ int main(int argc, char **argv)
     if (!bench_start(options.threads, &bench))
         return 1;
     results.from = options.from;
-    printf("%u threads, balanced, portable, built at %g degrees; rates in Mray/s, times in ms\n", options.threads,
-           options.from);
+    results.quality = options.method->quality;
+    printf("%u threads, %s, portable, built at %g degrees; rates in Mray/s, times in ms\n", options.threads,
+           options.method->name, options.from);
     printf("%-16s %5s | %7s %8s %8s %6s | %6s %6s %6s | %6s %6s %6s | %7s %7s | %s\n", "scene", "angle", "decay",
            "cost", "fresh", "ratio", "prim.", "fresh", "ratio", "diff.", "fresh", "ratio", "update", "build",
            "rays a primitive");
@@ -337,6 +390,7 @@ int main(int argc, char **argv)
         if (!measure(&bench, &options, argv[i], &results.scenes[results.scene_count++]))
             return 1;
     bench_stop(&bench);
+    print_rule(&results);
     if (!options.directory)
         return 0;
     return write_table(&results, options.directory) && decay_chart(&results, options.directory) ? 0 : 1;

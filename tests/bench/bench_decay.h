@@ -5,6 +5,8 @@
 
 #include <stdbool.h>
 
+#include "proto/base/geometry.h"
+
 enum { DECAY_ANGLES = 14, DECAY_SCENES = 8, DECAY_KINDS = 2 };
 
 /* What was measured at one angle. An updated tree is compared with one that is built for the same pose. */
@@ -23,6 +25,7 @@ struct decay_scene {
 };
 
 struct decay_results {
+    enum build_quality quality;
     double from; /* degrees by which the source was twisted when it was built */
     int scene_count;
     struct decay_scene scenes[DECAY_SCENES];

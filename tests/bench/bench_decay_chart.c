@@ -52,7 +52,7 @@ static void draw_data(const struct decay_results *results, FILE *script)
     }
     fprintf(script, "$rule << EOD\n");
     for (double rays = 0.1; rays < 100; rays *= 1.2)
-        fprintf(script, "%.4g %.4g\n", decay_to_rebuild(QUALITY_BALANCED, rays), rays);
+        fprintf(script, "%.4g %.4g\n", decay_to_rebuild(results->quality, rays), rays);
     fprintf(script, "EOD\n");
 }
 
