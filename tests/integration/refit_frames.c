@@ -4,9 +4,10 @@
  *
  *     refit_frames [SOURCE.ply FRAME.ply...]
  *
- * The source is built once for each layout and updated to each frame. Rays through the result are compared with brute
- * force over the frame. One line a frame and layout tells the decay, and how much more the updated tree costs than one
- * that is built for the frame. Without files the source is a sheet, which is twisted and torn apart.
+ * The source is built once for each quality and layout, and updated to each frame. Rays through the result are compared
+ * with brute force over the frame. One line a quality, frame and layout tells the decay, and how much more the updated
+ * tree costs than one that is built for the frame. Without files the source is a sheet, which is twisted and torn
+ * apart.
  */
 #include <float.h>
 #include <math.h>
@@ -24,7 +25,13 @@
 
 enum { RAYS = 400, SIDE = 48, FRAMES = 3, LAYOUTS = 4 };
 
+static const enum build_quality qualities[] = {QUALITY_FAST, QUALITY_BALANCED, QUALITY_HIGH};
+
+static const char *const quality_names[] = {"fast", "balanced", "high"};
+
 struct run {
+    int quality; /* the index of the one that is built */
+    struct build_options layouts[LAYOUTS]; /* in that quality */
     struct memory memory;
     struct build_context context;
     uint64_t wrong, hits;
@@ -75,7 +82,7 @@ static void free_sheet(struct ply *ply)
 
 /* ---- one frame in one layout ---- */
 
-static const struct build_options layouts[LAYOUTS] = {
+static const struct build_options all_layouts[LAYOUTS] = {
     {.target = TARGET_PORTABLE},
     {.target = TARGET_PORTABLE, .layout_flags = PORTABLE_FAST_TRIANGLES},
     {.target = TARGET_LAVAPIPE, .device.variant = LAVAPIPE_PLAIN},
@@ -99,7 +106,7 @@ static void start(struct run *run, const struct ply *ply, const struct build_opt
     const struct limits limits = limits_default();
     struct geometry geometry;
     struct bvhd_error error;
-    struct build_input input = ply_input(ply, QUALITY_BALANCED, &geometry);
+    struct build_input input = ply_input(ply, options->quality, &geometry);
     input.flags = BUILD_ALLOW_UPDATE;
     *ret = (struct built){.decay = 1};
     must(prepare(&input, 0, &limits, &run->context, &ret->canonical, &error), &error);
@@ -116,6 +123,8 @@ static struct built build_frame(struct run *run, const struct ply *ply, const st
                        &error),
          &error);
     built.cost = built.record.header->cost;
+    if (built.stats.quality != options->quality)
+        run->wrong++;
     return built;
 }
 
@@ -176,12 +185,13 @@ static void run_frame(struct run *run, const struct built sources[LAYOUTS], cons
     rays_make(&mesh, 1, 5, RAYS, rays);
     must(oracle_trace(&mesh, 1, rays, RAYS, &run->memory, &parallel_serial, NULL, NULL, answers, &error), &error);
     for (int i = 0; i < LAYOUTS; i++) {
-        struct built updated = update_frame(run, ply, &layouts[i], &sources[i]),
-                     fresh = build_frame(run, ply, &layouts[i]);
-        uint64_t wrong = judge(run, &updated, layouts[i].target == TARGET_LAVAPIPE, rays, answers);
+        struct built updated = update_frame(run, ply, &run->layouts[i], &sources[i]),
+                     fresh = build_frame(run, ply, &run->layouts[i]);
+        uint64_t wrong = judge(run, &updated, run->layouts[i].target == TARGET_LAVAPIPE, rays, answers);
         run->wrong += wrong;
-        printf("%-20s %-24s decay %8.3f, against a build %8.3f, %u rays, %llu wrong\n", name, layout_names[i],
-               updated.decay, updated.cost / fresh.cost, RAYS, (unsigned long long)wrong);
+        printf("%-8s %-20s %-24s decay %8.3f, against a build %8.3f, %u rays, %llu wrong\n",
+               quality_names[run->quality], name, layout_names[i], updated.decay, updated.cost / fresh.cost, RAYS,
+               (unsigned long long)wrong);
         finish(run, &updated);
         finish(run, &fresh);
     }
@@ -196,27 +206,36 @@ static struct ply *read_frame(int argc, char **argv, int frame)
     return ply;
 }
 
-int main(int argc, char **argv)
+static void run_quality(struct run *run, int argc, char **argv)
 {
     static const char *const names[] = {"", "one turn", "four turns", "torn apart"};
-    struct run run = {.wrong = 0};
     struct built sources[LAYOUTS];
     const int frames = argc > 1 ? argc - 2 : FRAMES;
-    memory_init(&run.memory, UINT64_MAX);
-    run.context = (struct build_context){.memory = &run.memory, .parallel = &parallel_serial};
     struct ply *first = read_frame(argc, argv, 0);
+    memcpy(run->layouts, all_layouts, sizeof all_layouts);
     for (int i = 0; i < LAYOUTS; i++)
-        sources[i] = build_frame(&run, first, &layouts[i]);
+        run->layouts[i].quality = qualities[run->quality];
+    for (int i = 0; i < LAYOUTS; i++)
+        sources[i] = build_frame(run, first, &run->layouts[i]);
     for (int frame = 1; frame <= frames; frame++) {
         struct ply *ply = read_frame(argc, argv, frame);
         const char *slash = argc > 1 ? strrchr(argv[1 + frame], '/') : NULL;
-        run_frame(&run, sources, ply, slash ? slash + 1 : argc > 1 ? argv[1 + frame] : names[frame]);
+        run_frame(run, sources, ply, slash ? slash + 1 : argc > 1 ? argv[1 + frame] : names[frame]);
         (argc > 1 ? ply_free : free_sheet)(ply);
     }
     for (int i = 0; i < LAYOUTS; i++)
-        finish(&run, &sources[i]);
+        finish(run, &sources[i]);
     (argc > 1 ? ply_free : free_sheet)(first);
+}
+
+int main(int argc, char **argv)
+{
+    struct run run = {.wrong = 0};
+    memory_init(&run.memory, UINT64_MAX);
+    run.context = (struct build_context){.memory = &run.memory, .parallel = &parallel_serial};
+    for (; run.quality < (int)(sizeof qualities / sizeof *qualities); run.quality++)
+        run_quality(&run, argc, argv);
     if (run.memory.live)
         fprintf(stderr, "refit_frames: %llu bytes are left\n", (unsigned long long)run.memory.live);
-    return run.wrong > 0 || run.memory.live > 0 || run.hits < 100;
+    return run.wrong > 0 || run.memory.live > 0 || run.hits < 300;
 }
