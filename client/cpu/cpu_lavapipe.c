@@ -16,6 +16,9 @@ static enum bvhd_status open_structure(struct cpu_structure *structure, struct b
     enum bvhd_status status = lavapipe_open_any(structure->blob, &library_memory, &structure->view.lavapipe, &inner);
     if (status == BVHD_CORRUPT)
         return bvhd_error_set(error, status, inner.where, "%s, or this is the structure of another driver", inner.text);
+    if (status == BVHD_OK)
+        status = positions_of_lavapipe(structure->blob, &structure->view.lavapipe, &library_memory,
+                                       &structure->positions, &inner);
     if (status != BVHD_OK && error)
         *error = inner;
     return status;

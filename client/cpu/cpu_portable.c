@@ -36,7 +36,10 @@ static enum bvhd_status open_structure(struct cpu_structure *structure, struct b
 {
     if ((uintptr_t)structure->blob.data % 16 != 0)
         return bvhd_error_set(error, BVHD_INVALID, "data", "a portable structure is aligned to 16 bytes");
+    const struct portable_view *view = &structure->view.portable;
     enum bvhd_status status = portable_open(structure->blob, &library_memory, &structure->view.portable, error);
+    if (status == BVHD_OK && view->header->build_flags & BUILD_ALLOW_DATA_ACCESS) /* before its records are unpacked */
+        status = positions_of_portable(structure->blob, view, &library_memory, &structure->positions, error);
     return status == BVHD_OK ? unpack(structure, error) : status;
 }
 

@@ -96,8 +96,8 @@ static enum bvhd_status open_bottoms(const struct opening *opening)
             return refuse(opening, place("blobs[%" PRIu32 "]: size", entries[i].number).text,
                           "not that of an earlier blob with the same data");
         else
-            *structure =
-                (struct cpu_structure){structure->blob, before->view, before->unpacked, before->triangles, true};
+            *structure = (struct cpu_structure){structure->blob,   before->view,      before->unpacked,
+                                                before->triangles, before->positions, true};
         if (status != BVHD_OK)
             return status;
     }
@@ -240,6 +240,7 @@ void bvhd_cpu_scene_destroy(struct bvhd_cpu_scene *scene)
             continue;
         memory_free(&library_memory, scene->structures[i].unpacked);
         memory_free(&library_memory, scene->structures[i].triangles);
+        positions_unref(scene->structures[i].positions);
     }
     memory_free(&library_memory, scene->unpacked);
     memory_free(&library_memory, scene->views);
@@ -289,6 +290,20 @@ enum bvhd_status bvhd_cpu_scene_corners(const struct bvhd_cpu_scene *scene, cons
     if (hit->flags & BVHD_CPU_HIT_AABB || !scene->target->corners(scene, &inner, ret_corners))
         return bvhd_error_set(ret_error, BVHD_INVALID, "hit.record", "no triangle of this scene");
     return BVHD_OK;
+}
+
+enum bvhd_status bvhd_cpu_scene_positions(const struct bvhd_cpu_scene *scene, uint32_t blob, uint32_t geometry,
+                                          uint32_t primitive, float ret_positions[3][3], struct bvhd_error *ret_error)
+{
+    enum bvhd_status status = ARGUMENTS_CHECK(ret_error, {scene, "scene"}, {ret_positions, "ret_positions"});
+    if (status != BVHD_OK)
+        return status;
+    const struct cpu_structure *structure = blob < scene->bottom_count ? &scene->structures[blob] : NULL;
+    if (!structure || !structure->blob.data)
+        return bvhd_error_set(ret_error, BVHD_INVALID, "blob", "%" PRIu32 " is no bottom level of this scene", blob);
+    if (!structure->positions)
+        return bvhd_error_set(ret_error, BVHD_INVALID, "blob", "it was built without ALLOW_DATA_ACCESS");
+    return positions_get(structure->positions, structure->blob.data, geometry, primitive, ret_positions, ret_error);
 }
 
 enum bvhd_status bvhd_cpu_scene_object_to_world(const struct bvhd_cpu_scene *scene, const struct bvhd_cpu_hit *hit,

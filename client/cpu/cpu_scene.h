@@ -10,6 +10,7 @@
 
 #include <bvhd/bvhd_cpu.h>
 
+#include "builder/format/positions.h"
 #include "builder/traverse/lavapipe_traverse.h"
 #include "builder/traverse/traverse.h"
 #include "proto/base/bytes.h"
@@ -23,6 +24,7 @@ struct cpu_structure {
     } view; /* by target; empty if there is no blob */
     struct unpacked_node *unpacked; /* the nodes of portable triangles or instances, if the machine uses them */
     struct unpacked_triangles *triangles; /* what the view of indexed triangles has become, if the machine uses it */
+    struct positions *positions; /* NULL: a portable structure without ALLOW_DATA_ACCESS */
     bool is_shared; /* the view and what it needs belong to another structure with the same data */
 };
 

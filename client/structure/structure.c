@@ -147,6 +147,7 @@ void bvhd_structure_destroy(struct bvhd_structure *structure)
 {
     if (!structure)
         return;
+    structure_release(&structure->contents);
     bvhd_blob_unref(structure->contents.blob);
     memory_free(&library_memory, structure);
 }
@@ -159,11 +160,17 @@ bool structure_takes(const struct bvhd_structure *structure, uint32_t type)
     return structure->type == STRUCTURE_GENERIC || type == STRUCTURE_GENERIC || structure->type == type;
 }
 
+void structure_release(const struct structure_contents *contents)
+{
+    positions_unref(contents->positions);
+}
+
 void structure_replace(struct bvhd_structure *structure, const struct structure_contents *contents)
 {
-    struct bvhd_blob *before = structure->contents.blob;
+    const struct structure_contents before = structure->contents;
     structure->contents = *contents;
-    bvhd_blob_unref(before);
+    structure_release(&before);
+    bvhd_blob_unref(before.blob);
 }
 
 enum bvhd_status bvhd_structure_get(const struct bvhd_structure *structure, struct bvhd_structure_state *ret_state)
@@ -188,25 +195,50 @@ enum bvhd_status bvhd_structure_get(const struct bvhd_structure *structure, stru
 
 /* ---- results ---- */
 
+/* Returns whether an info updates a structure that needs no more than its compacted size. */
+static bool updates_compacted(const VkAccelerationStructureBuildGeometryInfoKHR *info)
+{
+    const bool is_update = info->mode == VK_BUILD_ACCELERATION_STRUCTURE_MODE_UPDATE_KHR;
+    const struct bvhd_structure *source = is_update ? structure_of(info->srcAccelerationStructure) : NULL;
+    return source && source->contents.is_compacted;
+}
+
 /* The size that a build needs is the one that was to be asked for, even if the result is smaller. */
-static enum bvhd_status check_size(const struct bvhd_structure *structure,
-                                   const VkAccelerationStructureBuildGeometryInfoKHR *info,
+static enum bvhd_status bound_size(const VkAccelerationStructureBuildGeometryInfoKHR *info,
                                    const VkAccelerationStructureBuildRangeInfoKHR *ranges,
-                                   const struct build_options *options, struct bvhd_error *error)
+                                   const struct build_options *options, uint64_t *ret_size, struct bvhd_error *error)
 {
     uint32_t *counts = memory_array(&library_memory, (uint64_t)info->geometryCount + 1, sizeof *counts);
-    uint64_t needed = 0;
     if (!counts)
         return bvhd_error_no_memory(error, "info", "no memory for %u geometries", info->geometryCount);
     for (uint32_t i = 0; i < info->geometryCount; i++)
         counts[i] = ranges[i].primitiveCount;
-    enum bvhd_status status = structure_bound(info, counts, options, &needed, error);
+    enum bvhd_status status = structure_bound(info, counts, options, ret_size, error);
     memory_free(&library_memory, counts);
-    if (status == BVHD_OK && structure->size < needed)
-        status = bvhd_error_rule(error, BVHD_VUID_10126, "info.dstAccelerationStructure",
-                                 "it was created with %llu bytes, and the build needs %llu",
-                                 (unsigned long long)structure->size, (unsigned long long)needed);
     return status;
+}
+
+static enum bvhd_status check_room(const struct bvhd_structure *structure, uint64_t needed, struct bvhd_error *error)
+{
+    if (structure->size >= needed)
+        return BVHD_OK;
+    return bvhd_error_rule(error, BVHD_VUID_10126, "info.dstAccelerationStructure",
+                           "it was created with %llu bytes, and the build needs %llu",
+                           (unsigned long long)structure->size, (unsigned long long)needed);
+}
+
+static enum bvhd_status check_size(const struct bvhd_structure *structure,
+                                   const VkAccelerationStructureBuildGeometryInfoKHR *info,
+                                   const VkAccelerationStructureBuildRangeInfoKHR *ranges,
+                                   const struct bvhd_result *result, const struct structure_contents *contents,
+                                   struct bvhd_error *error)
+{
+    const struct build_options options = {.quality = (enum build_quality)result->quality,
+                                          .target = contents->target,
+                                          .layout_flags = contents->layout_flags};
+    uint64_t needed = contents->body_size;
+    enum bvhd_status status = contents->is_compacted ? BVHD_OK : bound_size(info, ranges, &options, &needed, error);
+    return status == BVHD_OK ? check_room(structure, needed, error) : status;
 }
 
 static enum bvhd_status check_created_type(const struct bvhd_structure *structure, uint32_t type,
@@ -230,8 +262,10 @@ static enum bvhd_status read_result(const struct bvhd_result *result,
         return status;
     const bool is_native = ret_contents->target != TARGET_PORTABLE;
     if ((ret_contents->type != (uint32_t)info->type && ret_contents->type != STRUCTURE_GENERIC) ||
-        (!is_native && ret_contents->flags != info->flags))
+        (!is_native && ret_contents->flags != info->flags)) {
+        structure_release(ret_contents);
         return bvhd_error_set(error, BVHD_INVALID, "result", "it was built with another type or other flags");
+    }
     ret_contents->type = (uint32_t)info->type;
     ret_contents->flags = info->flags;
     return BVHD_OK;
@@ -247,12 +281,12 @@ static enum bvhd_status hold(struct bvhd_structure *structure, const VkAccelerat
         status = read_result(result, info, &contents, error);
     if (status != BVHD_OK)
         return status;
-    const struct build_options options = {.quality = (enum build_quality)result->quality,
-                                          .target = contents.target,
-                                          .layout_flags = contents.layout_flags};
-    status = check_size(structure, info, ranges, &options, error);
-    if (status != BVHD_OK)
+    contents.is_compacted = updates_compacted(info);
+    status = check_size(structure, info, ranges, result, &contents, error);
+    if (status != BVHD_OK) {
+        structure_release(&contents);
         return status;
+    }
     bvhd_blob_ref(contents.blob);
     structure_replace(structure, &contents);
     return BVHD_OK;

@@ -8,6 +8,7 @@
 
 #include <bvhd/bvhd_structure.h>
 
+#include "builder/format/positions.h"
 #include "proto/base/bytes.h"
 #include "proto/base/geometry.h"
 #include "proto/base/status.h"
@@ -20,6 +21,8 @@ struct structure_contents {
     uint32_t layout_flags; /* with which it was built */
     uint64_t body_size; /* what an object needs that is to hold it */
     uint64_t handle_count;
+    struct positions *positions; /* NULL: a portable structure without ALLOW_DATA_ACCESS */
+    bool is_compacted; /* by COMPACT, or possibly, before it was serialized: then updates need no more than it has */
 };
 
 struct bvhd_structure {
@@ -52,14 +55,17 @@ bool structure_takes(const struct bvhd_structure *structure, uint32_t type);
 bool structure_is_compatible(const uint8_t uuids[2 * VK_UUID_SIZE], const struct bvhd_format *format);
 
 /*
- * Reads a serialized structure from anywhere: checks all of its bytes. The contents take the blob over on success. The
- * flags of a native structure are 0, because they are not known. Returns BVHD_CORRUPT, BVHD_INCOMPATIBLE or
- * BVHD_NO_MEMORY.
+ * Reads a serialized structure from anywhere: checks all of its bytes. The contents refer to the blob, of which the
+ * caller keeps a reference, and are ended with structure_release if no object takes them. The flags of a native
+ * structure are 0, because they are not known. Returns BVHD_CORRUPT, BVHD_INCOMPATIBLE or BVHD_NO_MEMORY.
  */
 enum bvhd_status structure_read(struct bvhd_blob *blob, struct structure_contents *ret_contents,
                                 struct bvhd_error *error);
 
-/* Makes an object hold the contents, which it takes over, instead of what it has. */
+/* Ends what contents have beside their blob. */
+void structure_release(const struct structure_contents *contents);
+
+/* Makes an object hold the contents, which it takes over with their blob, instead of what it has. */
 void structure_replace(struct bvhd_structure *structure, const struct structure_contents *contents);
 
 /*

@@ -115,6 +115,7 @@ static enum bvhd_status compact(struct structure_contents *contents, struct bvhd
     memcpy(copy, bvhd_blob_data(contents->blob), size);
     clear_compaction(copy, contents);
     contents->flags &= ~(uint32_t)BUILD_ALLOW_COMPACTION;
+    contents->is_compacted = true;
     return result_blob_take(copy, size, &contents->blob, error);
 }
 
@@ -132,9 +133,11 @@ enum bvhd_status bvhd_structure_copy(const VkCopyAccelerationStructureInfoKHR *i
         status = compact(&contents, ret_error);
     else
         bvhd_blob_ref(contents.blob);
-    if (status == BVHD_OK)
-        structure_replace(structure_of(info->dst), &contents);
-    return status;
+    if (status != BVHD_OK)
+        return status;
+    positions_ref(contents.positions);
+    structure_replace(structure_of(info->dst), &contents);
+    return BVHD_OK;
 }
 
 /* ---- serialize ---- */
@@ -233,6 +236,16 @@ static enum bvhd_status copy_bytes(const unsigned char *source, uint64_t size, c
     return result_blob_copy((struct bytes){source, total}, ret_blob, error);
 }
 
+/* Checks that an object may hold what was read. The memory may have changed after the header was compared. */
+static enum bvhd_status check_read(const struct bvhd_structure *structure, const struct structure_contents *contents,
+                                   const struct bvhd_format *format, struct bvhd_error *error)
+{
+    if (!structure_is_compatible(bvhd_blob_data(contents->blob), format))
+        return bvhd_error_rule(error, BVHD_VUID_03414, "info.src", "it was made for another driver or version");
+    enum bvhd_status status = check_type(structure, contents->type, error);
+    return status == BVHD_OK ? check_room(structure, contents->body_size, BVHD_VUID_03746, error) : status;
+}
+
 static enum bvhd_status deserialize(struct bvhd_structure *structure, struct bvhd_blob *blob,
                                     const struct bvhd_format *format, struct bvhd_error *error)
 {
@@ -241,14 +254,12 @@ static enum bvhd_status deserialize(struct bvhd_structure *structure, struct bvh
     enum bvhd_status status = structure_read(blob, &contents, &reason);
     if (status != BVHD_OK)
         return refuse_bytes(&reason, error);
-    /* The memory may have changed after the header was compared. */
-    if (!structure_is_compatible(bvhd_blob_data(blob), format))
-        return bvhd_error_rule(error, BVHD_VUID_03414, "info.src", "it was made for another driver or version");
-    status = check_type(structure, contents.type, error);
-    if (status == BVHD_OK)
-        status = check_room(structure, contents.body_size, BVHD_VUID_03746, error);
+    contents.is_compacted = true;
+    status = check_read(structure, &contents, format, error);
     if (status == BVHD_OK)
         structure_replace(structure, &contents);
+    else
+        structure_release(&contents);
     return status;
 }
 

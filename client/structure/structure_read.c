@@ -30,7 +30,9 @@ static enum bvhd_status read_portable(struct bytes bytes, struct structure_conte
     contents->type = view.header->content == PORTABLE_INSTANCES ? STRUCTURE_TOP : STRUCTURE_BOTTOM;
     contents->flags = view.header->build_flags;
     contents->layout_flags = view.header->content == PORTABLE_TRIANGLES ? PORTABLE_FAST_TRIANGLES : 0;
-    return BVHD_OK;
+    if (!(contents->flags & BUILD_ALLOW_DATA_ACCESS))
+        return BVHD_OK;
+    return positions_of_portable(bytes, &view, &library_memory, &contents->positions, error);
 }
 
 /* An empty structure may be of either type. */
@@ -45,7 +47,7 @@ static enum bvhd_status read_native(struct bytes bytes, struct structure_content
     contents->type = view.handle_count > 0  ? STRUCTURE_TOP
                      : view.leaf_count == 0 ? STRUCTURE_GENERIC
                                             : STRUCTURE_BOTTOM;
-    return BVHD_OK;
+    return positions_of_lavapipe(bytes, &view, &library_memory, &contents->positions, error);
 }
 
 enum bvhd_status structure_read(struct bvhd_blob *blob, struct structure_contents *ret_contents,

@@ -52,7 +52,10 @@ static void shoot(const struct bvhd_cpu_scene *scene)
         bool is_hit = hits[i].blob != BVHD_CPU_NO_BLOB, is_box = hits[i].flags & BVHD_CPU_HIT_AABB;
         FUZZ_CHECK((bvhd_cpu_scene_object_to_world(scene, &hits[i], matrix, NULL) == BVHD_OK) == is_hit);
         FUZZ_CHECK((bvhd_cpu_scene_corners(scene, &hits[i], corners, NULL) == BVHD_OK) == (is_hit && !is_box));
+        bvhd_cpu_scene_positions(scene, hits[i].blob, hits[i].geometry, hits[i].primitive, corners, NULL);
     }
+    for (uint32_t i = 0; i < RAYS; i++)
+        bvhd_cpu_scene_positions(scene, i % MOST, i / 2, i, corners, NULL);
 }
 
 static void open_set(const struct bvhd_cpu_blob *blobs, uint32_t count, bool has_handles)

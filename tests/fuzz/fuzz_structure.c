@@ -80,6 +80,16 @@ static void check_copy(const struct bvhd_structure *structure, VkCopyAcceleratio
     }
 }
 
+/* Positions need the flag, which the bytes of portable structures state, and may state of any of them. */
+static void check_positions(const struct bvhd_structure *structure, uint32_t flags)
+{
+    float positions[3][3];
+    for (uint32_t i = 0; i < 64; i++) {
+        const enum bvhd_status status = bvhd_structure_positions(structure, i / 16, i % 16, positions, NULL);
+        FUZZ_CHECK(status == BVHD_INVALID || (status == BVHD_OK && flags & BUILD_ALLOW_DATA_ACCESS));
+    }
+}
+
 static void check_object(const struct bvhd_structure *structure, const uint8_t *bytes, size_t size)
 {
     struct bvhd_structure_state state;
@@ -92,6 +102,7 @@ static void check_object(const struct bvhd_structure *structure, const uint8_t *
     FUZZ_CHECK((query(structure, COMPACTED_SIZE, &value) == BVHD_OK) == compacts);
     FUZZ_CHECK((query(structure, POINTERS, &value) == BVHD_OK) == is_top);
     check_serialized(structure, bytes, size);
+    check_positions(structure, state.flags);
     check_copy(structure, VK_COPY_ACCELERATION_STRUCTURE_MODE_CLONE_KHR, true);
     check_copy(structure, VK_COPY_ACCELERATION_STRUCTURE_MODE_COMPACT_KHR, compacts);
 }
@@ -162,7 +173,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 
 /*
  * Samples are each structure in each target: in an object of its type, in a GENERIC one and built with
- * ALLOW_COMPACTION, and repaired.
+ * ALLOW_COMPACTION and ALLOW_DATA_ACCESS, and repaired.
  */
 size_t fuzz_sample(uint32_t index, uint8_t *ret_bytes)
 {
@@ -178,8 +189,10 @@ size_t fuzz_sample(uint32_t index, uint8_t *ret_bytes)
     ret_bytes[0] = (uint8_t)((kind == 1 ? 2 : own) | CHOICE_NATIVE | (kind == 2 ? CHOICE_REPAIR : 0));
     FUZZ_CHECK(item->size < FUZZ_ROOM);
     memcpy(ret_bytes + 1, item->blob, item->size);
-    if (kind == 1 && is_portable(ret_bytes + 1))
-        ret_bytes[1 + body_of(ret_bytes + 1) + offsetof(struct portable_header, build_flags)] |= BUILD_ALLOW_COMPACTION;
+    if (kind == 1 && is_portable(ret_bytes + 1)) {
+        uint8_t *flags = ret_bytes + 1 + body_of(ret_bytes + 1) + offsetof(struct portable_header, build_flags);
+        bytes_put32(flags, bytes_get32(flags) | BUILD_ALLOW_COMPACTION | BUILD_ALLOW_DATA_ACCESS);
+    }
     const size_t size = item->size + 1;
     test_scene_finish(&scene);
     return size;

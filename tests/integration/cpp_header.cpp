@@ -50,6 +50,7 @@ struct Scene {
         triangles.indexType = VK_INDEX_TYPE_NONE_KHR;
         info.sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_BUILD_GEOMETRY_INFO_KHR;
         info.type = VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR;
+        info.flags = 0x800; /* ALLOW_DATA_ACCESS, which older headers lack */
         info.geometryCount = 1;
         info.pGeometries = &geometry;
         range.primitiveCount = 1;
@@ -165,6 +166,9 @@ void test_cpu(const bvhd::Blob &blob)
     expect("candidates", scene.trace(rays, hits, ignore).has_value() && asked == 1 && !bvhd::is_hit(hits[0]));
     expect("fewer hits than rays", scene.trace(rays, {hits.data(), 1}).error().status == BVHD_INVALID);
     const bvhd_cpu_blob half = {blob.data(), blob.size() / 2};
+    auto corners = scene.positions(0, 0, 0);
+    expect("positions", corners.has_value() && (*corners)[1][0] > 0.99f && (*corners)[2][1] > 0.99f);
+    expect("no second triangle", scene.positions(0, 0, 1).error().status == BVHD_INVALID);
     expect("half a structure", bvhd::CpuScene::create({&half, 1}).error().status == BVHD_CORRUPT);
 }
 

@@ -72,6 +72,21 @@ class CpuTest(unittest.TestCase):
                 scene.closest_hit(bvhd.cpu.rays([0.5, 0.25, 9], [0, 0, -1], masks=1))["t"][0], 9
             )
 
+    def test_positions(self):
+        flags = bvhd.BuildFlags.ALLOW_DATA_ACCESS
+        mesh = waves(20)
+        bottom = self.client.build(bvhd.BottomLevel([mesh], flags=flags))
+        scene = bvhd.cpu.Scene([bottom])
+        corners = np.asarray(mesh.vertices, np.float32)[np.asarray(mesh.indices)]
+        np.testing.assert_array_equal(scene.positions(np.arange(len(corners))), corners)
+        np.testing.assert_array_equal(scene.positions(7)[0], corners[7])
+        for arguments in ({"geometry": 1}, {"structure": 1}):
+            with self.assertRaises(bvhd.Error):
+                scene.positions(0, **arguments)
+        without = bvhd.cpu.Scene([self.client.build(mesh)])
+        with self.assertRaisesRegex(bvhd.Error, "ALLOW_DATA_ACCESS"):
+            without.positions(0)
+
     def test_errors(self):
         square = self.client.build(bvhd.Triangles(CORNERS, FACES))
         with self.assertRaises(bvhd.Error) as raised:

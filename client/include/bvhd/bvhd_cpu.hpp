@@ -16,6 +16,7 @@
 #include <bvhd/bvhd_cpu.h>
 #include <bvhd/bvhd_values.hpp>
 
+#include <array>
 #include <cstdint>
 #include <limits>
 #include <memory>
@@ -96,6 +97,20 @@ class CpuScene
         if (!traced)
             return traced.error();
         return hit;
+    }
+    /* The corners of a triangle of a bottom level that was built with ALLOW_DATA_ACCESS. */
+    Expected<std::array<std::array<float, 3>, 3>> positions(std::uint32_t blob, std::uint32_t geometry,
+                                                            std::uint32_t primitive) const
+    {
+        float numbers[3][3];
+        Error error;
+        if (bvhd_cpu_scene_positions(scene_.get(), blob, geometry, primitive, numbers, &error) != BVHD_OK)
+            return error;
+        std::array<std::array<float, 3>, 3> corners = {};
+        for (std::size_t corner = 0; corner < 3; corner++)
+            for (std::size_t axis = 0; axis < 3; axis++)
+                corners[corner][axis] = numbers[corner][axis];
+        return corners;
     }
     bvhd_cpu_scene *get() const
     {

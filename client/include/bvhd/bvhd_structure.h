@@ -33,8 +33,8 @@
  *     PREFER_FAST_BUILD     quality fast, if the request names none
  *     LOW_MEMORY            no spatial splits: on one thread a build of triangles takes at most 320 bytes for each of
  *                           them and 64 KiB, with its result and without the program's geometry
- *     ALLOW_DATA_ACCESS     none of its own: positions are exact in any case, and can be read from each hit, by
- *                           bvhd_cpu_scene_corners and in shaders
+ *     ALLOW_DATA_ACCESS     positions can be read by bvhd_structure_positions, from a hit by bvhd_cpu_scene_corners and
+ *                           in shaders; it changes no other byte of a structure, whose positions are exact in any case
  *
  * Errors are reported as in bvhd.h; a call that fails changes nothing. Places name members of the struct that the call
  * takes, as "info.mode".
@@ -102,7 +102,9 @@ BVHD_API VkAccelerationStructureKHR bvhd_structure_handle(const struct bvhd_stru
  * Makes the object hold a result, as if it had been built into it: instead of what it held before. `info` and `ranges`
  * are those of the build (`ranges` may be NULL without geometries). The rules are those about the destination of a
  * build: it was created as the type that was built, or as GENERIC, and at least as large as bvhd_structure_sizes says
- * for the counts in `ranges` and the quality that was built. The object takes a reference to the result's blob: batch
+ * for the counts in `ranges` and the quality that was built. An info of the mode UPDATE names an object of this header
+ * as its source: if that holds what COMPACT made, an update of it or a deserialized structure, the destination needs
+ * only the compacted size, which an update does not change. The object takes a reference to the result's blob: batch
  * and client are not needed afterwards.
  *
  * Returns the error of a result that has one, and BVHD_INVALID if it is no result of such an info.
@@ -133,6 +135,26 @@ struct bvhd_structure_state {
 /* Describes an object. Returns BVHD_INVALID for a NULL pointer. */
 BVHD_API enum bvhd_status bvhd_structure_get(const struct bvhd_structure *structure,
                                              struct bvhd_structure_state *ret_state);
+
+/* ---- Positions ---- */
+
+/*
+ * Gives the corners of a triangle by the number of its geometry and its number there, as in the build's info: of a
+ * structure that was built with ALLOW_DATA_ACCESS, in either target. They are the positions that
+ * VK_KHR_ray_tracing_position_fetch gives to shaders: those of the last build or update, decoded to floats, after the
+ * geometry's transformData, exactly as the builder used them. (In structures for lavapipe before Mesa 26, -0 is 0, as
+ * in that driver's own.) The call takes no longer for larger portable structures; their objects hold 4 bytes more for
+ * each triangle.
+ *
+ * Returns BVHD_INVALID at the place "structure" for an object that is empty, or that was built without the flag, which
+ * the bytes of a native structure that was deserialized do not tell; at "geometry" for other primitives than triangles,
+ * or a geometry that is not there; at "primitive" for a number beyond the geometry's, and for a triangle that the
+ * structure does not hold: an inactive one, and in portable structures without ALLOW_UPDATE one that is degenerate or
+ * infinite, because no ray hits it.
+ */
+BVHD_API enum bvhd_status bvhd_structure_positions(const struct bvhd_structure *structure, uint32_t geometry,
+                                                   uint32_t primitive, float ret_positions[3][3],
+                                                   struct bvhd_error *ret_error);
 
 /* ---- Indirect builds ---- */
 

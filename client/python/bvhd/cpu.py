@@ -111,6 +111,25 @@ class Scene:
         """Returns for each ray whether it hits anything: shadows and visibility."""
         return np.isfinite(self._trace(rays, np.dtype("<f4"), _ANY_HIT))
 
+    def positions(
+        self, primitives: npt.ArrayLike, *, geometry: int = 0, structure: int = 0
+    ) -> npt.NDArray[np.float32]:
+        """Returns the corners of triangles by their numbers in a geometry, of shape (n, 3, 3).
+
+        structure: the position of the bottom level in the scene. It was built with
+        `BuildFlags.ALLOW_DATA_ACCESS`. Corners are those after the geometry's transform.
+        """
+        numbers = np.atleast_1d(np.asarray(primitives, np.uint32))
+        corners = np.empty((len(numbers), 3, 3), np.float32)
+        error, room = s.Error(), (c.c_float * 9)
+        with self._handle as scene:
+            for number, row in zip(numbers, corners):
+                status = lib.bvhd_cpu_scene_positions(
+                    scene, structure, geometry, number, room.from_buffer(row), error
+                )
+                check(status, error)
+        return corners
+
     def _trace(self, rays: Array, kind: np.dtype[Any], flags: int) -> Array:
         if rays.dtype != s.RAY or rays.ndim != 1:
             raise ValueError(

@@ -494,6 +494,10 @@ static void traced(const struct bvhd_cpu_blob *blob)
          "77 is no bottom level");
     CALL(bvhd_cpu_scene_object_to_world(scene, &hit, NULL, &world.error), BVHD_INVALID, "ret_matrix",
          "ret_matrix is NULL");
+    CALL(bvhd_cpu_scene_positions(scene, 0, 0, 0, NULL, &world.error), BVHD_INVALID, "ret_positions",
+         "ret_positions is NULL");
+    CALL(bvhd_cpu_scene_positions(scene, 1, 0, 0, corners, &world.error), BVHD_INVALID, "blob", "1 is no bottom level");
+    CALL(bvhd_cpu_scene_positions(scene, 0, 0, 0, corners, &world.error), BVHD_INVALID, "blob", "ALLOW_DATA_ACCESS");
     QUIET((bvhd_cpu_scene_bounds(scene, NULL), bvhd_cpu_scene_bounds(NULL, numbers), true));
     bvhd_cpu_scene_destroy(scene);
 }
@@ -524,6 +528,7 @@ static void traversal(void)
     CALL(bvhd_cpu_scene_create(&options, &scene, &world.error), BVHD_CORRUPT, "blobs[0]: header.serializedSize", "");
     CALL(bvhd_cpu_scene_trace(NULL, &trace, &world.error), BVHD_INVALID, "scene", "scene is NULL");
     CALL(bvhd_cpu_scene_corners(NULL, &hit, corners, &world.error), BVHD_INVALID, "scene", "scene is NULL");
+    CALL(bvhd_cpu_scene_positions(NULL, 0, 0, 0, corners, &world.error), BVHD_INVALID, "scene", "scene is NULL");
     CALL(bvhd_cpu_scene_object_to_world(NULL, &hit, numbers, &world.error), BVHD_INVALID, "scene", "scene is NULL");
     QUIET((bvhd_cpu_scene_destroy(NULL), true));
     assert_null(scene);
@@ -542,6 +547,7 @@ static void structures(void)
     struct bvhd_structure *structure = NULL;
     struct bvhd_structure_state is;
     struct bvhd_structure_properties properties = {.struct_size = 1};
+    float corners[3][3];
     struct bvhd_result result = {.error = {.status = BVHD_OK}};
     CALL(bvhd_structure_create(NULL, &structure, &world.error), BVHD_INVALID, "info", "info is NULL");
     CALL(bvhd_structure_sizes(NULL, NULL, &world.error), BVHD_INVALID, "query", "query is NULL");
@@ -554,6 +560,7 @@ static void structures(void)
     CALL(bvhd_structure_query(&properties, &world.error), BVHD_INVALID, "properties.struct_size", "struct_size is 1");
     CALL(bvhd_structure_compatibility(NULL, NULL, NULL, &world.error), BVHD_INVALID, "info", "info is NULL");
     CALL(bvhd_structure_get(NULL, &is), BVHD_INVALID, NULL, "");
+    CALL(bvhd_structure_positions(NULL, 0, 0, corners, &world.error), BVHD_INVALID, "structure", "structure is NULL");
     CALL(bvhd_indirect_read(NULL, NULL, &world.error), BVHD_INVALID, "indirect", "indirect is NULL");
     QUIET((bvhd_structure_destroy(NULL), bvhd_indirect_free(NULL), bvhd_structure_handle(NULL) == VK_NULL_HANDLE));
 }

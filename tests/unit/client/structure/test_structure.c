@@ -117,6 +117,69 @@ static void results_are_held_by_their_rules(void **state)
     structure_bed_stop(&bed);
 }
 
+static VkDeviceSize compacted_size(void)
+{
+    const VkAccelerationStructureKHR handle = bvhd_structure_handle(bed.holds_bottom);
+    VkDeviceSize size = 0;
+    const struct bvhd_structure_properties properties = {.struct_size = sizeof properties,
+                                                         .structure_count = 1,
+                                                         .query_type =
+                                                             VK_QUERY_TYPE_ACCELERATION_STRUCTURE_COMPACTED_SIZE_KHR,
+                                                         .structures = &handle,
+                                                         .data_size = sizeof size,
+                                                         .data = &size,
+                                                         .stride = sizeof size};
+    assert_int_equal(bvhd_structure_query(&properties, &bed.error), BVHD_OK);
+    return size;
+}
+
+static void copy(const struct bvhd_structure *from, const struct bvhd_structure *to,
+                 VkCopyAccelerationStructureModeKHR mode)
+{
+    const VkCopyAccelerationStructureInfoKHR info = {.sType = VK_STRUCTURE_TYPE_COPY_ACCELERATION_STRUCTURE_INFO_KHR,
+                                                     .src = bvhd_structure_handle(from),
+                                                     .dst = bvhd_structure_handle(to),
+                                                     .mode = mode};
+    assert_int_equal(bvhd_structure_copy(&info, &bed.error), BVHD_OK);
+}
+
+static enum bvhd_status hold(VkAccelerationStructureBuildGeometryInfoKHR *info, const struct bvhd_structure *source,
+                             struct bvhd_structure *into)
+{
+    info->srcAccelerationStructure = bvhd_structure_handle(source);
+    return bvhd_structure_hold(into, info, &bed.bottom.range, &bed.bottom.result, &bed.error);
+}
+
+/* An update of what COMPACT made needs its size alone, in place, elsewhere and again; all others need the build's. */
+static void updates_of_compacted_structures_need_their_size(void **state)
+{
+    (void)state;
+    structure_bed_start(&bed, BUILD_ALLOW_COMPACTION | BUILD_ALLOW_UPDATE, TARGET_PORTABLE);
+    const VkDeviceSize size = compacted_size();
+    struct bvhd_structure *objects[3], *compacted;
+    for (int i = 0; i < 3; i++)
+        objects[i] = structure_bed_create(VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR, i < 2 ? size : size - 1);
+    compacted = objects[0];
+    copy(bed.holds_bottom, compacted, VK_COPY_ACCELERATION_STRUCTURE_MODE_COMPACT_KHR);
+    VkAccelerationStructureBuildGeometryInfoKHR info;
+    info = bed.bottom.info;
+    info.mode = VK_BUILD_ACCELERATION_STRUCTURE_MODE_UPDATE_KHR;
+    static const char rule[] = "VUID-vkBuildAccelerationStructuresKHR-pInfos-10126",
+                      where[] = "info.dstAccelerationStructure";
+    assert_int_equal(hold(&info, compacted, objects[1]), BVHD_OK);
+    assert_int_equal(hold(&info, objects[1], compacted), BVHD_OK); /* an update of an update */
+    assert_int_equal(hold(&info, compacted, compacted), BVHD_OK);
+    structure_bed_refused(&bed, "a byte less", hold(&info, compacted, objects[2]), rule, where);
+    structure_bed_refused(&bed, "not compacted", hold(&info, bed.holds_bottom, objects[1]), rule, where);
+    copy(compacted, bed.spare, VK_COPY_ACCELERATION_STRUCTURE_MODE_CLONE_KHR);
+    assert_int_equal(hold(&info, bed.spare, objects[1]), BVHD_OK);
+    info.mode = VK_BUILD_ACCELERATION_STRUCTURE_MODE_BUILD_KHR;
+    structure_bed_refused(&bed, "a build", hold(&info, compacted, objects[1]), rule, where);
+    for (int i = 0; i < 3; i++)
+        bvhd_structure_destroy(objects[i]);
+    structure_bed_stop(&bed);
+}
+
 /* An item that has failed says why here, too. */
 static void errors_of_results_are_passed_on(void **state)
 {
@@ -135,6 +198,7 @@ int main(void)
         cmocka_unit_test(every_rule_of_creation_is_named),
         cmocka_unit_test(new_objects_are_empty),
         cmocka_unit_test(results_are_held_by_their_rules),
+        cmocka_unit_test(updates_of_compacted_structures_need_their_size),
         cmocka_unit_test(errors_of_results_are_passed_on),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
