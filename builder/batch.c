@@ -73,24 +73,25 @@ static void share_item(const struct batch_item *equal, struct batch_item *item)
     item->coalesced = true;
     item->blob = equal->blob;
     item->size = equal->size;
-    item->stats = equal->stats;
-    item->original_build_ms = equal->original_build_ms;
+    item->summary = equal->summary;
 }
 
 static bool take_cached(const struct batch *batch, enum target target, struct memory *memory, struct batch_item *item)
 {
     struct batch_cache *cache = batch->call->cache;
     struct summary summary;
-    if (!cache || !cache->get(cache, &item->key, memory, &item->blob, &summary))
+    unsigned char *blob;
+    uint64_t size;
+    if (!cache || !cache->get(cache, &item->key, memory, &blob, &size, &summary))
         return false;
     if (summary.target != target) {
-        memory_free(memory, item->blob);
-        item->blob = NULL;
+        memory_free(memory, blob);
         return false;
     }
     item->cached = true;
-    item->stats = summary.stats;
-    item->original_build_ms = summary.build_ms;
+    item->blob = blob;
+    item->size = size;
+    item->summary = summary;
     return true;
 }
 
@@ -99,13 +100,18 @@ static enum bvhd_status build_new(const struct batch *batch, const struct canoni
                                   struct batch_item *item)
 {
     struct batch_cache *cache = batch->call->cache;
+    struct build_stats stats;
     double begin = clock_ms();
-    enum bvhd_status status = build(canonical, options, context, &item->blob, &item->stats, &item->error);
-    item->build_ms = item->original_build_ms = clock_ms() - begin;
-    if (status != BVHD_OK || !cache)
+    enum bvhd_status status = build(canonical, options, context, &item->blob, &stats, &item->error);
+    item->build_ms = clock_ms() - begin;
+    if (status != BVHD_OK)
         return status;
-    const struct summary summary = {options->target, item->stats, item->build_ms, atomic_load(&context->memory->peak)};
-    cache->put(cache, &item->key, item->blob, &summary);
+    item->size = stats.sizes.total;
+    item->summary = summary_of(&stats, options->target);
+    item->summary.build_ms = item->build_ms;
+    item->summary.peak_bytes = atomic_load(&context->memory->peak);
+    if (cache)
+        cache->put(cache, &item->key, (struct bytes){item->blob, item->size}, &item->summary);
     return BVHD_OK;
 }
 
@@ -125,7 +131,6 @@ static enum bvhd_status build_item(const struct batch *batch, const struct canon
         status = build_new(batch, canonical, options, context, item);
     if (status == BVHD_OK) {
         memory_hand_up(context->memory, item->blob);
-        item->size = item->stats.sizes.total;
         *slot = (uint32_t)(item - batch->items) + 1;
     }
     return status;
@@ -162,7 +167,7 @@ static void run_item(struct batch *batch, const struct build_input *input, uint3
     item->status = build_item(batch, &canonical, &options, &context, item);
     memory_explain(&memory, &item->error);
     prepare_finish(&canonical, &memory);
-    item->peak_bytes = atomic_load(&memory.peak);
+    item->summary.peak_bytes = atomic_load(&memory.peak);
 }
 
 /* `errors`: for each entry, what validate_batch found about the rules between entries. */

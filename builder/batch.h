@@ -20,9 +20,7 @@ struct batch_item {
     unsigned char *blob; /* 64-byte aligned; owned by this item, or by the item that built it when `coalesced` */
     uint64_t size;
     double prepare_ms, build_ms; /* build_ms is 0 when the item is cached or coalesced */
-    double original_build_ms; /* the duration of the build that made the blob */
-    uint64_t peak_bytes; /* most bytes of memory that preparing and building this item held at once */
-    struct build_stats stats;
+    struct summary summary; /* its peak_bytes: of preparing and building this item, also when it is not built */
 };
 
 /*
@@ -37,14 +35,13 @@ enum bvhd_status batch_build(const struct build_input *inputs, uint32_t count, c
 
 /*
  * Keeps results for later batches. `get` returns whether it knows the key, and then fills in the blob, allocated from
- * `memory` and 64-byte aligned, and what is known about it. `put` gets each result that was built, and never an error.
- * Both are called on the thread that calls batch_run.
+ * `memory` and 64-byte aligned, its size and what is known about it. `put` gets each result that was built, and never
+ * an error. Both are called on the thread that calls batch_run.
  */
 struct batch_cache {
     bool (*get)(struct batch_cache *cache, const struct key *key, struct memory *memory, unsigned char **ret_blob,
-                struct summary *ret_summary);
-    void (*put)(struct batch_cache *cache, const struct key *key, const unsigned char *blob,
-                const struct summary *summary);
+                uint64_t *ret_size, struct summary *ret_summary);
+    void (*put)(struct batch_cache *cache, const struct key *key, struct bytes blob, const struct summary *summary);
 };
 
 struct batch_call {

@@ -3,12 +3,39 @@
 
 #include <assert.h>
 #include <inttypes.h>
+#include <stdio.h>
 
-/* The values of build_stats.method, by their numbers in a summary, to which new ones are appended. */
+/* The values of summary.method, by their numbers in a summary, to which new ones are appended. */
 static const char *const methods[] = {"none",       "ploc",          "binned",     "spatial",
                                       "embree-low", "embree-medium", "embree-high"};
 
 enum { METHODS = sizeof methods / sizeof *methods };
+
+static void set_method(struct summary *summary, const char *method)
+{
+    snprintf(summary->method, sizeof summary->method, "%s", method);
+}
+
+struct summary summary_of(const struct build_stats *stats, enum target target)
+{
+    struct summary summary = {
+        .primitives = stats->primitives,
+        .triangles = stats->triangles,
+        .instances = stats->instances,
+        .inactive = stats->inactive,
+        .degenerate = stats->degenerate,
+        .skipped = stats->skipped,
+        .refs = stats->refs,
+        .depth = stats->depth,
+        .target = target,
+        .quality = stats->quality,
+        .sah = stats->sah,
+        .bounds = stats->bounds,
+        .slabs = stats->slabs,
+    };
+    set_method(&summary, stats->method);
+    return summary;
+}
 
 static uint32_t method_number(const char *method)
 {
@@ -37,7 +64,7 @@ static void pass(struct cursor *cursor, void *field, uint64_t size)
     }
 }
 
-/* The numbers of the three fields that are not numbers in struct summary. */
+/* The numbers of the three fields that may have few values. */
 struct named {
     uint32_t target, quality, method;
 };
@@ -45,16 +72,15 @@ struct named {
 /* All fields in their order. */
 static void pass_fields(struct cursor *cursor, struct summary *summary, struct named *named)
 {
-    struct build_stats *stats = &summary->stats;
-    uint64_t *const counts[] = {&stats->primitives, &stats->triangles, &stats->instances, &stats->inactive,
-                                &stats->degenerate, &stats->skipped,   &stats->refs,      &summary->peak_bytes};
+    uint64_t *const counts[] = {&summary->primitives, &summary->triangles, &summary->instances, &summary->inactive,
+                                &summary->degenerate, &summary->skipped,   &summary->refs,      &summary->peak_bytes};
     for (size_t i = 0; i < sizeof counts / sizeof *counts; i++)
         pass(cursor, counts[i], sizeof *counts[i]);
-    pass(cursor, &stats->sah, sizeof stats->sah);
+    pass(cursor, &summary->sah, sizeof summary->sah);
     pass(cursor, &summary->build_ms, sizeof summary->build_ms);
-    pass(cursor, &stats->bounds, sizeof stats->bounds);
-    pass(cursor, &stats->slabs, sizeof stats->slabs);
-    pass(cursor, &stats->depth, sizeof stats->depth);
+    pass(cursor, &summary->bounds, sizeof summary->bounds);
+    pass(cursor, &summary->slabs, sizeof summary->slabs);
+    pass(cursor, &summary->depth, sizeof summary->depth);
     pass(cursor, &named->target, sizeof named->target);
     pass(cursor, &named->quality, sizeof named->quality);
     pass(cursor, &named->method, sizeof named->method);
@@ -63,8 +89,9 @@ static void pass_fields(struct cursor *cursor, struct summary *summary, struct n
 void summary_write(const struct summary *summary, unsigned char ret_bytes[SUMMARY_SIZE])
 {
     struct summary copy = *summary;
-    struct named named = {summary->target, summary->stats.quality, method_number(summary->stats.method)};
+    struct named named = {summary->target, summary->quality, method_number(summary->method)};
     struct cursor cursor = {.to = ret_bytes};
+    assert(summary->refits == 0);
     pass_fields(&cursor, &copy, &named);
     assert(cursor.to == ret_bytes + SUMMARY_SIZE);
 }
@@ -80,9 +107,9 @@ static enum bvhd_status check(const struct named *named, struct bvhd_error *erro
     return BVHD_OK;
 }
 
-enum bvhd_status summary_read(struct bytes bytes, uint64_t size, struct summary *ret_summary, struct bvhd_error *error)
+enum bvhd_status summary_read(struct bytes bytes, struct summary *ret_summary, struct bvhd_error *error)
 {
-    struct summary summary = {.stats.sizes.total = size};
+    struct summary summary = {0};
     struct named named;
     struct cursor cursor = {.from = bytes.data};
     if (bytes.size != SUMMARY_SIZE)
@@ -91,9 +118,9 @@ enum bvhd_status summary_read(struct bytes bytes, uint64_t size, struct summary 
     pass_fields(&cursor, &summary, &named);
     if (check(&named, error) != BVHD_OK)
         return error->status;
-    summary.target = (enum target)named.target;
-    summary.stats.quality = (enum build_quality)named.quality;
-    summary.stats.method = methods[named.method];
+    summary.target = named.target;
+    summary.quality = named.quality;
+    set_method(&summary, methods[named.method]);
     *ret_summary = summary;
     return BVHD_OK;
 }

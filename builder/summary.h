@@ -1,31 +1,29 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * summary.h - what is known about a structure beside its bytes, in the fixed form in which the cache on disk keeps it
- * (builder/store/store.h).
+ * summary.h - makes the summary of a structure that was built (proto/base/summary.h), and its fixed form in the cache
+ * on disk (builder/store/store.h).
  *
- * A summary has SUMMARY_SIZE bytes, little-endian and without gaps. It has no version of its own: a change of its form
- * needs another generation (builder/store/generation.h). The times of stages and the sizes of sections are not kept.
+ * In that form it has SUMMARY_SIZE bytes, little-endian and without gaps. It has no version of its own: a change needs
+ * another generation (builder/store/generation.h). Updates are not kept on disk, so their fields have no place there.
  */
 #ifndef BVHD_SUMMARY_H
 #define BVHD_SUMMARY_H
 
 #include "builder/build.h"
+#include "proto/base/summary.h"
 
 enum { SUMMARY_SIZE = 200 };
 
-struct summary {
-    enum target target; /* the layout of the bytes */
-    struct build_stats stats; /* after summary_read, all of `ms` is 0, and so is all of `sizes` but the total */
-    double build_ms; /* the duration of the build */
-    uint64_t peak_bytes; /* the most memory that the build took at a time */
-};
+/* The summary of a structure of that layout. The caller adds what `stats` does not tell; it is 0 until then. */
+struct summary summary_of(const struct build_stats *stats, enum target target);
 
+/* The summary is that of a build, with a method that exists, not of an update. */
 void summary_write(const struct summary *summary, unsigned char ret_bytes[SUMMARY_SIZE]);
 
 /*
- * Reads the summary of a structure of `size` bytes. The bytes may come from anywhere. BVHD_CORRUPT, with the field, for
- * another number of bytes, and for a target, quality or method that does not exist.
+ * Reads a summary. The bytes may come from anywhere. BVHD_CORRUPT, with the field, for another number of bytes, and for
+ * a target, quality or method that does not exist.
  */
-enum bvhd_status summary_read(struct bytes bytes, uint64_t size, struct summary *ret_summary, struct bvhd_error *error);
+enum bvhd_status summary_read(struct bytes bytes, struct summary *ret_summary, struct bvhd_error *error);
 
 #endif

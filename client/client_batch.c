@@ -7,6 +7,7 @@
 #include "client/local_job.h"
 #include "client/outgoing.h"
 #include "client/result_blob.h"
+#include "client/result_summary.h"
 
 /* The result of an item that is not done. */
 static const struct bvhd_result pending = {.error = {.status = BVHD_PENDING}};
@@ -89,30 +90,6 @@ static enum bvhd_origin origin_of(uint32_t origin)
     return origin <= ORIGIN_DISK ? (enum bvhd_origin)origin : BVHD_ORIGIN_NONE;
 }
 
-static void copy_summary(struct client_item *item, const struct control_summary *summary)
-{
-    struct bvhd_result *result = &item->result;
-    result->primitives = summary->primitives;
-    result->triangles = summary->triangles;
-    result->instances = summary->instances;
-    result->inactive = summary->inactive;
-    result->degenerate = summary->degenerate;
-    result->skipped = summary->skipped;
-    result->refs = summary->refs;
-    result->peak_bytes = summary->peak_bytes;
-    result->depth = summary->depth;
-    result->sah = summary->sah;
-    result->original_build_ms = summary->build_ms;
-    memcpy(item->method, summary->method, sizeof item->method);
-    result->method = item->method;
-    memcpy(result->bounds, summary->bounds, sizeof result->bounds);
-    memcpy(result->slabs, summary->slabs, sizeof result->slabs);
-    result->target = (enum bvhd_target)summary->target;
-    result->quality = (enum bvhd_quality)summary->quality;
-    result->decay = summary->decay;
-    result->refits = summary->refits;
-}
-
 void client_batch_complete_item(struct bvhd_batch *batch, uint32_t index, const struct control_result *result,
                                 struct bvhd_blob *blob)
 {
@@ -128,7 +105,9 @@ void client_batch_complete_item(struct bvhd_batch *batch, uint32_t index, const 
         .build_ms = result->build_ms,
     };
     memcpy(item->result.key.bytes, result->key.bytes, sizeof item->result.key.bytes);
-    copy_summary(item, &result->summary);
+    result_summary_copy(&result->summary, &item->result);
+    memcpy(item->method, result->summary.method, sizeof item->method);
+    item->result.method = item->method;
     finish_item(batch, index);
 }
 

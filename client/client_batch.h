@@ -28,7 +28,7 @@ struct client_item {
     uint32_t entry; /* ITEM_SENT: the item's position in that exchange */
     uint32_t thousandths; /* ITEM_SENT: how far its build is */
     struct bvhd_result result; /* ITEM_DONE: the result */
-    char method[CONTROL_NAME_SIZE];
+    char method[SUMMARY_METHOD_SIZE];
     struct local_item local;
 };
 

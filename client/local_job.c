@@ -2,7 +2,6 @@
 #include "client/local_job.h"
 
 #include <errno.h>
-#include <stdio.h>
 #include <string.h>
 #include <sys/mman.h>
 
@@ -158,8 +157,15 @@ uint32_t local_job_thousandths(const struct local_job *job)
 static enum bvhd_status make(struct local_job *job, const struct build_context *context)
 {
     struct build_entry_source source;
-    return job->library->entry_make(&job->entry, source_of(job, &source), context, &job->stats, &job->refit,
-                                    &job->error);
+    struct build_made made;
+    const double begin = clock_ms();
+    enum bvhd_status status =
+        job->library->entry_make(&job->entry, source_of(job, &source), context, &made, &job->error);
+    if (status != BVHD_OK)
+        return status;
+    job->summary = made.summary;
+    job->summary.build_ms = clock_ms() - begin;
+    return BVHD_OK;
 }
 
 void local_job_build(struct local_job *job, const struct parallel *parallel)
@@ -174,40 +180,11 @@ void local_job_build(struct local_job *job, const struct parallel *parallel)
     context.output = &blob.output;
     context.progress = note_progress;
     context.progress_context = job;
-    double begin = clock_ms();
     job->status = make(job, &context);
-    job->build_ms = clock_ms() - begin;
-    job->peak_bytes = atomic_load_explicit(&memory.peak, memory_order_relaxed);
     if (job->status == BVHD_OK)
         job->status = result_blob_take(blob.bytes, blob.size, &job->blob, &job->error);
     if (job->status == BVHD_OK)
         job->status = result_blob_set_source(job->blob, &job->entry.key, job->entry.record.bytes, &job->error);
-}
-
-static struct control_summary summarise(const struct local_job *job)
-{
-    const struct build_stats *stats = &job->stats;
-    struct control_summary summary = {
-        .primitives = stats->primitives,
-        .triangles = stats->triangles,
-        .instances = stats->instances,
-        .inactive = stats->inactive,
-        .degenerate = stats->degenerate,
-        .skipped = stats->skipped,
-        .refs = stats->refs,
-        .peak_bytes = job->peak_bytes,
-        .depth = stats->depth,
-        .target = job->entry.options.target,
-        .quality = stats->quality,
-        .sah = stats->sah,
-        .build_ms = job->build_ms,
-        .decay = job->refit.decay,
-        .refits = job->refit.refits,
-    };
-    snprintf(summary.method, sizeof summary.method, "%s", stats->method);
-    memcpy(summary.bounds, &stats->bounds, sizeof summary.bounds);
-    memcpy(summary.slabs, &stats->slabs, sizeof summary.slabs);
-    return summary;
 }
 
 void local_job_describe(const struct local_job *job, bool is_own, struct control_result *ret_result)
@@ -216,7 +193,7 @@ void local_job_describe(const struct local_job *job, bool is_own, struct control
         .key = job->entry.key,
         .size = bvhd_blob_size(job->blob),
         .origin = is_own ? ORIGIN_BUILT : ORIGIN_COALESCED,
-        .build_ms = is_own ? job->build_ms : 0,
-        .summary = summarise(job),
+        .build_ms = is_own ? job->summary.build_ms : 0,
+        .summary = job->summary,
     };
 }

@@ -33,10 +33,8 @@ struct local_job {
     enum bvhd_status status;
     struct bvhd_error error;
     struct bvhd_blob *blob; /* the job's reference */
-    struct build_stats stats;
-    struct refit_result refit;
-    uint64_t peak_bytes;
-    double prepare_ms, build_ms;
+    struct summary summary; /* of the structure in `blob` */
+    double prepare_ms;
     _Atomic uint32_t thousandths; /* of the build that are done */
 };
 
@@ -57,7 +55,7 @@ void local_job_destroy(struct local_job *job);
 void local_job_prepare(struct local_job *job, const struct parallel *parallel);
 
 /*
- * Builds the structure of a copy that was made. Sets `status`, `error`, `blob` and the statistics. It may be called
+ * Builds the structure of a copy that was made. Sets `status`, `error`, `blob` and `summary`. It may be called
  * again after BVHD_CANCELLED.
  */
 void local_job_build(struct local_job *job, const struct parallel *parallel);

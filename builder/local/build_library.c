@@ -11,14 +11,6 @@ static enum bvhd_status entry_prepare(const struct build_input *input, uint32_t 
     return build_entry_prepare(input, index, &limits, source, context, ret_entry, error);
 }
 
-static enum bvhd_status entry_make(struct build_entry *entry, const struct build_entry_source *source,
-                                   const struct build_context *context, struct build_stats *ret_stats,
-                                   struct refit_result *ret_refit, struct bvhd_error *error)
-{
-    unsigned char *blob;
-    return build_entry_make(entry, source, context, &blob, ret_stats, ret_refit, error);
-}
-
 const struct build_library *bvhd_build_library(void)
 {
     static const struct build_library library = {
@@ -28,7 +20,7 @@ const struct build_library *bvhd_build_library(void)
         .workers_parallel = workers_parallel,
         .entry_prepare = entry_prepare,
         .entry_finish = build_entry_finish,
-        .entry_make = entry_make,
+        .entry_make = build_entry_make,
     };
     return &library;
 }

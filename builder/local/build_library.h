@@ -37,8 +37,8 @@ struct build_library {
 
     /* As build_entry.h describes it; context->output provides the blob's bytes. */
     enum bvhd_status (*entry_make)(struct build_entry *entry, const struct build_entry_source *source,
-                                   const struct build_context *context, struct build_stats *ret_stats,
-                                   struct refit_result *ret_refit, struct bvhd_error *error);
+                                   const struct build_context *context, struct build_made *ret_made,
+                                   struct bvhd_error *error);
 };
 
 /* Returns the table, which is constant. The only name that the library exports. */

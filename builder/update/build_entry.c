@@ -84,8 +84,15 @@ static void drop_blob(const struct build_context *context, unsigned char *blob)
         memory_free(context->memory, blob);
 }
 
+static void describe_made(const struct build_entry *entry, const struct build_context *context,
+                          const struct build_stats *stats, unsigned char *blob, struct build_made *ret_made)
+{
+    *ret_made = (struct build_made){blob, stats->sizes.total, summary_of(stats, entry->options.target)};
+    ret_made->summary.peak_bytes = atomic_load_explicit(&context->memory->peak, memory_order_relaxed);
+}
+
 static enum bvhd_status make_build(struct build_entry *entry, const struct build_context *context,
-                                   unsigned char **ret_blob, struct build_stats *ret_stats, struct bvhd_error *error)
+                                   struct build_made *ret_made, struct bvhd_error *error)
 {
     struct build_stats stats;
     unsigned char *blob;
@@ -94,39 +101,40 @@ static enum bvhd_status make_build(struct build_entry *entry, const struct build
         return status;
     if (entry->record.header)
         status = refit_measure((struct bytes){blob, stats.sizes.total}, &stats, context, &entry->record, error);
-    if (status != BVHD_OK) {
+    if (status == BVHD_OK)
+        describe_made(entry, context, &stats, blob, ret_made);
+    else
         drop_blob(context, blob);
-        return status;
-    }
-    *ret_blob = blob;
-    *ret_stats = stats;
-    return BVHD_OK;
+    return status;
 }
 
 static enum bvhd_status make_update(struct build_entry *entry, const struct build_entry_source *source,
-                                    const struct build_context *context, unsigned char **ret_blob,
-                                    struct build_stats *ret_stats, struct refit_result *ret_refit,
+                                    const struct build_context *context, struct build_made *ret_made,
                                     struct bvhd_error *error)
 {
     struct record source_record;
+    struct build_stats stats;
+    struct refit_result result;
+    unsigned char *blob;
     enum bvhd_status status = record_open(source->record, &source_record, error);
     if (status != BVHD_OK)
         return status;
     const struct refit_request request = {source->blob, &source_record, &entry->canonical, &entry->record};
-    return refit(&request, context, ret_blob, ret_stats, ret_refit, error);
+    status = refit(&request, context, &blob, &stats, &result, error);
+    if (status != BVHD_OK)
+        return status;
+    describe_made(entry, context, &stats, blob, ret_made);
+    ret_made->summary.decay = result.decay;
+    ret_made->summary.refits = result.refits;
+    return BVHD_OK;
 }
 
 enum bvhd_status build_entry_make(struct build_entry *entry, const struct build_entry_source *source,
-                                  const struct build_context *context, unsigned char **ret_blob,
-                                  struct build_stats *ret_stats, struct refit_result *ret_refit,
+                                  const struct build_context *context, struct build_made *ret_made,
                                   struct bvhd_error *error)
 {
-    if (entry->is_update)
-        return make_update(entry, source, context, ret_blob, ret_stats, ret_refit, error);
-    enum bvhd_status status = make_build(entry, context, ret_blob, ret_stats, error);
-    if (status == BVHD_OK)
-        *ret_refit = (struct refit_result){0};
-    return status;
+    return entry->is_update ? make_update(entry, source, context, ret_made, error)
+                            : make_build(entry, context, ret_made, error);
 }
 
 enum bvhd_status build_entry_source_lost(const struct key *key, uint32_t index, const char *what,

@@ -9,7 +9,7 @@
 #ifndef BVHD_BUILD_ENTRY_H
 #define BVHD_BUILD_ENTRY_H
 
-#include "builder/build.h"
+#include "builder/summary.h"
 #include "builder/update/refit.h"
 #include "proto/base/request_limits.h"
 
@@ -27,6 +27,13 @@ struct build_entry {
     struct record record; /* with ALLOW_UPDATE: what is kept beside the result; complete after build_entry_make */
 };
 
+/* A structure that build_entry_make has made. */
+struct build_made {
+    unsigned char *blob; /* as build() and refit() say */
+    uint64_t size;
+    struct summary summary; /* without the time of the build, which the caller adds */
+};
+
 /*
  * Makes the canonical copy, and what follows from it. For an update it also checks what must be as in the source, whose
  * record is in source->record; a build ignores `source`, and an update without one is BVHD_SOURCE_LOST. `index` is the
@@ -38,12 +45,11 @@ enum bvhd_status build_entry_prepare(const struct build_input *input, uint32_t i
                                      struct build_entry *ret_entry, struct bvhd_error *error);
 
 /*
- * Makes the bytes and completes the record. Blob and errors are as build() and refit() say. *ret_refit is all 0 after a
- * build. It may be called again after a failure.
+ * Makes the bytes and completes the record. Errors are those of build() and refit(). It may be called again after a
+ * failure.
  */
 enum bvhd_status build_entry_make(struct build_entry *entry, const struct build_entry_source *source,
-                                  const struct build_context *context, unsigned char **ret_blob,
-                                  struct build_stats *ret_stats, struct refit_result *ret_refit,
+                                  const struct build_context *context, struct build_made *ret_made,
                                   struct bvhd_error *error);
 
 /* Fills the error of an update whose source is not there any more, or not all of it: `what`. */

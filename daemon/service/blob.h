@@ -20,10 +20,12 @@
 #ifndef BVHD_BLOB_H
 #define BVHD_BLOB_H
 
-#include "builder/update/refit.h"
+#include "builder/context.h"
 #include "daemon/system/descriptors.h"
 #include "daemon/system/ready_memfds.h"
+#include "proto/base/bytes.h"
 #include "proto/base/key.h"
+#include "proto/base/summary.h"
 
 enum { BLOB_INLINE_MAX = 64 * 1024, BLOB_MAPPED_MIN = 4 * 1024 * 1024 };
 
@@ -44,14 +46,10 @@ struct blob {
     uint64_t size;
     const unsigned char *bytes; /* NULL if there is a descriptor */
     int descriptor; /* a sealed memfd, in which the blob begins at offset 0; -1 if there are bytes */
-    enum target target; /* the layout of the bytes */
-    struct build_stats stats;
-    double build_ms; /* the duration of its build */
-    uint64_t peak_bytes; /* the most memory that its build took at a time */
+    struct summary summary;
     struct bytes
         record; /* what updates of it need (builder/update/record.h), from the account; no bytes: none is known */
     bool is_from_disk; /* it may have a record there */
-    struct refit_result refit; /* all 0 for a build */
 };
 
 void blob_account_init(struct blob_account *account, struct memory *memory, struct descriptors *descriptors);
@@ -91,8 +89,8 @@ enum bvhd_status blob_writer_append(struct blob_writer *writer, const void *byte
                                     struct bvhd_error *error);
 
 /*
- * Makes a blob with one ref of what was written, and seals it. The caller fills key, target, stats, build_ms and
- * peak_bytes before it shares the blob. On failure, with a status as above, the writer holds nothing.
+ * Makes a blob with one ref of what was written, and seals it. The caller fills in key and summary before it
+ * shares the blob. On failure, with a status as above, the writer holds nothing.
  */
 enum bvhd_status blob_writer_finish(struct blob_writer *writer, struct blob **ret_blob, struct bvhd_error *error);
 

@@ -1,21 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "daemon/service/blob_make.h"
 
-/* What is known of a blob that is being made. */
-struct made {
-    struct build_stats stats;
-    struct refit_result refit;
-};
-
-static enum bvhd_status run(struct preparation *preparation, const struct build_context *context, struct made *ret_made,
-                            struct bvhd_error *error)
+static enum bvhd_status run(struct preparation *preparation, const struct build_context *context,
+                            struct build_made *ret_made, struct bvhd_error *error)
 {
     struct build_entry_source source;
-    unsigned char *bytes;
     enum bvhd_status status = update_source_open(&preparation->updated, &source, error);
     if (status != BVHD_OK)
         return status;
-    status = build_entry_make(&preparation->entry, &source, context, &bytes, &ret_made->stats, &ret_made->refit, error);
+    status = build_entry_make(&preparation->entry, &source, context, ret_made, error);
     update_source_close(&preparation->updated, &source);
     return status;
 }
@@ -31,13 +24,11 @@ static enum bvhd_status fail(const struct blob_writer *writer, const struct buil
 }
 
 /* Completes a blob that is not shared yet. */
-static enum bvhd_status describe(const struct build_entry *entry, const struct made *made, struct blob *blob,
+static enum bvhd_status describe(const struct build_entry *entry, const struct build_made *made, struct blob *blob,
                                  struct bvhd_error *error)
 {
     blob->key = entry->key;
-    blob->target = entry->options.target;
-    blob->stats = made->stats;
-    blob->refit = made->refit;
+    blob->summary = made->summary;
     return entry->record.header ? blob_set_record(blob, entry->record.bytes, error) : BVHD_OK;
 }
 
@@ -46,7 +37,7 @@ enum bvhd_status blob_make(struct preparation *preparation, struct blob_account 
 {
     struct blob_writer writer;
     struct build_context writing = *context;
-    struct made made;
+    struct build_made made;
     struct blob *blob;
     blob_writer_init(&writer, account);
     writing.output = &writer.output;
@@ -58,7 +49,6 @@ enum bvhd_status blob_make(struct preparation *preparation, struct blob_account 
     status = blob_writer_finish(&writer, &blob, error);
     if (status != BVHD_OK)
         return status;
-    blob->peak_bytes = atomic_load_explicit(&context->memory->peak, memory_order_relaxed);
     status = describe(&preparation->entry, &made, blob, error);
     if (status == BVHD_OK)
         *ret_blob = blob;

@@ -122,7 +122,7 @@ static enum bvhd_status begin(struct store_sink *sink, const struct store_entry 
     struct reading *reading = reading_of(sink);
     if (entry->summary.size == 0)
         return bvhd_error_set(error, BVHD_NOT_FOUND, "summary", "the entry is the record of a result");
-    enum bvhd_status status = summary_read(entry->summary, entry->size, &reading->summary, error);
+    enum bvhd_status status = summary_read(entry->summary, &reading->summary, error);
     if (status == BVHD_OK && entry->size == 0)
         status = bvhd_error_set(error, BVHD_CORRUPT, "size", "an empty result");
     return status == BVHD_OK ? blob_writer_begin(&reading->writer, entry->size, reading->ready, error) : status;
@@ -144,16 +144,12 @@ static enum bvhd_status append(struct store_sink *sink, const void *bytes, uint6
 static enum bvhd_status finish(struct reading *reading, const struct key *key, struct blob **ret_blob,
                                struct bvhd_error *error)
 {
-    const struct summary *summary = &reading->summary;
     struct blob *blob;
     enum bvhd_status status = blob_writer_finish(&reading->writer, &blob, error);
     if (status != BVHD_OK)
         return status;
     blob->key = *key;
-    blob->target = summary->target;
-    blob->stats = summary->stats;
-    blob->build_ms = summary->build_ms;
-    blob->peak_bytes = summary->peak_bytes;
+    blob->summary = reading->summary;
     blob->is_from_disk = true;
     *ret_blob = blob;
     return BVHD_OK;

@@ -67,8 +67,7 @@ static enum bvhd_status put(struct disk_writer *writer, const struct blob *blob,
                             struct bvhd_error *error)
 {
     unsigned char about[SUMMARY_SIZE];
-    const struct summary summary = {blob->target, blob->stats, blob->build_ms, blob->peak_bytes};
-    summary_write(&summary, about);
+    summary_write(&blob->summary, about);
     const struct store_entry entry = {.key = blob->key, .summary = {about, sizeof about}, .size = blob->size};
     return store_put(writer->store, &entry, bytes, error);
 }

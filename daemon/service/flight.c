@@ -342,7 +342,7 @@ static void log_end(const struct flight *flight, double ms)
     key_to_text(&flight->key, key);
     if (flight->status == BVHD_OK)
         log_event(LOG_DEBUG, "build_done", "key=%.8s ms=%.3f bytes=%llu peak=%llu", key, ms,
-                  (unsigned long long)flight->blob->size, (unsigned long long)flight->blob->peak_bytes);
+                  (unsigned long long)flight->blob->size, (unsigned long long)flight->blob->summary.peak_bytes);
     else
         log_event(flight->status == BVHD_INTERNAL ? LOG_ERROR : LOG_DEBUG, "build_failed",
                   "key=%.8s ms=%.3f status=%s why=%s", key, ms, bvhd_status_name(flight->status),
@@ -442,7 +442,7 @@ static void build_done(struct pool_job *job)
     count_end(flight);
     log_end(flight, ms);
     if (flight->blob) {
-        flight->blob->build_ms = ms;
+        flight->blob->summary.build_ms = ms;
         cache_put(flights->cache, flight->blob);
         keep_on_disk(flight);
     }

@@ -2,7 +2,6 @@
 #include "daemon/session/item_internal.h"
 
 #include <assert.h>
-#include <stdio.h>
 
 #include "daemon/system/log.h"
 #include "proto/base/clock.h"
@@ -77,32 +76,6 @@ static void answer_error(struct item *item, const struct bvhd_error *error)
     answer(item, &result, NULL);
 }
 
-static struct control_summary summary_of(const struct blob *blob)
-{
-    const struct build_stats *stats = &blob->stats;
-    struct control_summary summary = {
-        .primitives = stats->primitives,
-        .triangles = stats->triangles,
-        .instances = stats->instances,
-        .inactive = stats->inactive,
-        .degenerate = stats->degenerate,
-        .skipped = stats->skipped,
-        .refs = stats->refs,
-        .peak_bytes = blob->peak_bytes,
-        .depth = stats->depth,
-        .target = blob->target,
-        .quality = stats->quality,
-        .sah = stats->sah,
-        .build_ms = blob->build_ms,
-        .decay = blob->refit.decay,
-        .refits = blob->refit.refits,
-    };
-    snprintf(summary.method, sizeof summary.method, "%s", stats->method);
-    memcpy(summary.bounds, &stats->bounds, sizeof summary.bounds);
-    memcpy(summary.slabs, &stats->slabs, sizeof summary.slabs);
-    return summary;
-}
-
 static void answer_unknown(struct item *item)
 {
     struct bvhd_error error;
@@ -112,8 +85,7 @@ static void answer_unknown(struct item *item)
 
 static void answer_blob(struct item *item, struct blob *blob, enum result_origin origin)
 {
-    struct control_result result = {
-        .key = blob->key, .size = blob->size, .origin = origin, .summary = summary_of(blob)};
+    struct control_result result = {.key = blob->key, .size = blob->size, .origin = origin, .summary = blob->summary};
     answer(item, &result, blob);
 }
 

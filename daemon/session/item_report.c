@@ -72,7 +72,7 @@ static void log_slow(const struct item *item, const struct control_result *resul
 {
     const struct request *request = item->request;
     const struct item_times *times = &item->times;
-    const struct control_summary *built = &result->summary;
+    const struct summary *built = &result->summary;
     char key[KEY_TEXT_SIZE];
     key_to_text(&item->key, key);
     log_event(LOG_INFO, "slow_build",

@@ -28,6 +28,7 @@
 #include "proto/base/geometry.h"
 #include "proto/base/memory.h"
 #include "proto/base/status.h"
+#include "proto/base/summary.h"
 
 enum {
     CONTROL_VERSION = 1,
@@ -135,22 +136,6 @@ struct control_progress {
 /* Where a result came from. */
 enum result_origin { ORIGIN_NONE = 0, ORIGIN_BUILT = 1, ORIGIN_COALESCED = 2, ORIGIN_MEMORY = 3, ORIGIN_DISK = 4 };
 
-/*
- * The summary of a structure: what is known about it besides its bytes. The fields have the same meanings as those of
- * build.h's build_stats.
- */
-struct control_summary {
-    uint64_t primitives, triangles, instances, inactive, degenerate, skipped, refs, peak_bytes;
-    uint32_t depth, target;
-    double sah, build_ms;
-    char method[CONTROL_NAME_SIZE];
-    float bounds[6];
-    uint32_t quality; /* QUALITY_: the quality that was built */
-    float slabs[20]; /* slabs.h: minima, maxima */
-    double decay; /* of an update: the cost of tracing it over that of the last build; 0: a build */
-    uint32_t refits; /* updates since the last build */
-};
-
 /* FRAME_RESULT. The bytes come inline or in the frame's descriptor. */
 struct control_result {
     uint32_t item;
@@ -159,7 +144,7 @@ struct control_result {
     uint64_t size;
     uint32_t origin; /* ORIGIN_ */
     double queued_ms, prepare_ms, build_ms; /* of this item; 0 for a build that another request caused */
-    struct control_summary summary;
+    struct summary summary;
 };
 
 /* FRAME_BUSY: when to send the request again. */

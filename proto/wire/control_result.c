@@ -3,7 +3,6 @@
 #include "proto/wire/control_codec.h"
 
 #include "proto/wire/bvhd.pb-c.h"
-#include "proto/base/slabs.h"
 
 enum bvhd_status control_pack_error(const struct bvhd_error *from, struct memory *memory, struct bytes *ret_bytes,
                                     struct bvhd_error *error)
@@ -33,14 +32,7 @@ CONTROL_UNPACK(error, struct bvhd_error)
 
 enum { BOUNDS_COUNT = 6, REACH_COUNT = 2 * SLABS_COUNT };
 
-static bool has_slabs(const struct control_summary *summary)
-{
-    struct slabs slabs;
-    memcpy(&slabs, summary->slabs, sizeof slabs);
-    return slabs_are_known(&slabs);
-}
-
-static void put_summary(const struct control_summary *summary, Bvhd__Result *message)
+static void put_summary(const struct summary *summary, Bvhd__Result *message)
 {
     message->primitives = summary->primitives;
     message->triangles = summary->triangles;
@@ -59,12 +51,12 @@ static void put_summary(const struct control_summary *summary, Bvhd__Result *mes
     message->refits = summary->refits;
     message->method = control_constant(summary->method);
     message->n_bounds = BOUNDS_COUNT;
-    message->bounds = control_constant(summary->bounds);
-    message->n_slabs = has_slabs(summary) ? REACH_COUNT : 0;
-    message->slabs = control_constant(summary->slabs);
+    message->bounds = control_constant(&summary->bounds);
+    message->n_slabs = slabs_are_known(&summary->slabs) ? REACH_COUNT : 0;
+    message->slabs = control_constant(&summary->slabs);
 }
 
-static void take_summary(const Bvhd__Result *message, struct control_summary *summary)
+static void take_summary(const Bvhd__Result *message, struct summary *summary)
 {
     summary->primitives = message->primitives;
     summary->triangles = message->triangles;
@@ -83,9 +75,9 @@ static void take_summary(const Bvhd__Result *message, struct control_summary *su
     summary->refits = message->refits;
     control_copy_text(message->method, sizeof summary->method, summary->method);
     if (message->n_bounds > 0)
-        memcpy(summary->bounds, message->bounds, sizeof summary->bounds);
+        memcpy(&summary->bounds, message->bounds, sizeof summary->bounds);
     if (message->n_slabs > 0)
-        memcpy(summary->slabs, message->slabs, sizeof summary->slabs);
+        memcpy(&summary->slabs, message->slabs, sizeof summary->slabs);
 }
 
 enum bvhd_status control_pack_result(const struct control_result *result, struct memory *memory,

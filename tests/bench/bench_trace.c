@@ -514,7 +514,7 @@ static void run_scene(const char *path, const struct settings *settings, RTCDevi
         .ply = ply, .scene = {.bottoms = bottoms, .bottom_count = 1}, .embree = build_embree(device, ply)};
     memcpy(subject.bounds, view.header->bounds, sizeof subject.bounds);
     printf("%s: %u triangles, %.1f MiB, %s, SAH %.2f\n", path, ply->triangle_count, (double)item.size / 1048576,
-           item.stats.method, item.stats.sah);
+           item.summary.method, item.summary.sah);
     const struct bvhd_cpu_blob blob = {item.blob, item.size};
     const struct bvhd_cpu_scene_options options = {.struct_size = sizeof options, .blobs = &blob, .blob_count = 1};
     if (bvhd_cpu_scene_create(&options, &subject.opened, &error) != BVHD_OK) {

@@ -43,8 +43,7 @@ static void put(struct store *store, uint32_t number, const void *payload, uint6
 {
     unsigned char about[SUMMARY_SIZE];
     struct bvhd_error error;
-    summary_write(
-        &(struct summary){.target = TARGET_PORTABLE, .stats = {.method = "ploc", .quality = QUALITY_BALANCED}}, about);
+    summary_write(&(struct summary){.target = TARGET_PORTABLE, .method = "ploc", .quality = QUALITY_BALANCED}, about);
     const struct store_entry entry = {.key = key_of(number), .summary = {about, sizeof about}, .size = size};
     if (store_put(store, &entry, payload, &error) != BVHD_OK)
         bench_fail("%s: %s", error.where, error.text);

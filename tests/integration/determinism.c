@@ -121,8 +121,8 @@ static void run_top(struct run *run, struct random *random)
         if (!build_with_all(run, &top.bottoms[i].input, "a bottom level", &item))
             continue;
         top.references[i].key = item.key;
-        top.references[i].bounds = item.stats.bounds;
-        top.references[i].slabs = item.stats.slabs;
+        top.references[i].bounds = item.summary.bounds;
+        top.references[i].slabs = item.summary.slabs;
         batch_finish(&item, 1, &run->memory);
     }
     choose_target(&top.input, random);

@@ -438,8 +438,8 @@ static bool build_bottoms(struct run *run, struct random_top *top, struct batch_
             return false;
         top->built++;
         top->references[i].key = items[i].key;
-        top->references[i].bounds = items[i].stats.bounds;
-        top->references[i].slabs = items[i].stats.slabs;
+        top->references[i].bounds = items[i].summary.bounds;
+        top->references[i].slabs = items[i].summary.slabs;
         if (!open_one(run, &items[i], &views[i]))
             return false;
     }

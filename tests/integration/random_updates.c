@@ -274,8 +274,8 @@ static bool build_world(struct run *run, struct world *world, struct random *ran
             !open_structure(run, bottom))
             return false;
         top->references[i].key = bottom->item.key;
-        top->references[i].bounds = bottom->item.stats.bounds;
-        top->references[i].slabs = bottom->item.stats.slabs;
+        top->references[i].bounds = bottom->item.summary.bounds;
+        top->references[i].slabs = bottom->item.summary.slabs;
     }
     top->input.flags |= BUILD_ALLOW_UPDATE;
     return build_structure(run, &top->input, &world->tops[0]) &&

@@ -200,8 +200,8 @@ static void run_top(struct run *run, struct random *random)
     for (uint32_t i = 0; i < top.bottom_count; i++) {
         build_one(run, &top.bottoms[i].input, &items[i], &views[i]);
         top.references[i].key = items[i].key;
-        top.references[i].bounds = items[i].stats.bounds;
-        top.references[i].slabs = items[i].stats.slabs;
+        top.references[i].bounds = items[i].summary.bounds;
+        top.references[i].slabs = items[i].summary.slabs;
     }
     build_one(run, &top.input, &items[top.bottom_count], &views[top.bottom_count]);
     struct scene scene = {

@@ -7,6 +7,7 @@
 #include "builder/workers.h"
 #include "client/bvhctl/service/local_cache.h"
 #include "client/format.h"
+#include "client/result_summary.h"
 #include "client/vulkan_input.h"
 #include "proto/base/clock.h"
 #include "proto/base/timed_parallel.h"
@@ -53,9 +54,8 @@ static void copy_references(const struct bvhd_build *build, struct reference *re
     }
 }
 
-static void copy_result(const struct batch_item *item, enum target target, struct bvhd_result *ret_result)
+static void copy_result(const struct batch_item *item, struct bvhd_result *ret_result)
 {
-    const struct build_stats *stats = &item->stats;
     struct bvhd_result result = {
         .error = item->error,
         .data = item->blob,
@@ -65,37 +65,22 @@ static void copy_result(const struct batch_item *item, enum target target, struc
                                   : BVHD_ORIGIN_BUILT,
         .prepare_ms = item->prepare_ms,
         .build_ms = item->build_ms,
-        .primitives = stats->primitives,
-        .triangles = stats->triangles,
-        .instances = stats->instances,
-        .inactive = stats->inactive,
-        .degenerate = stats->degenerate,
-        .skipped = stats->skipped,
-        .refs = stats->refs,
-        .peak_bytes = item->peak_bytes,
-        .depth = stats->depth,
-        .sah = stats->sah,
-        .original_build_ms = item->original_build_ms,
-        .method = stats->method,
-        .target = (enum bvhd_target)target,
-        .quality = (enum bvhd_quality)stats->quality,
     };
     result.error.status = item->status;
     memcpy(&result.key, &item->key, sizeof result.key);
-    memcpy(result.bounds, &stats->bounds, sizeof result.bounds);
-    memcpy(result.slabs, &stats->slabs, sizeof result.slabs);
+    if (item->status == BVHD_OK)
+        result_summary_copy(&item->summary, &result);
     *ret_result = result;
 }
 
 /* `errors`: for each item, the rule of Vulkan that its structs break, which was found before the builds. */
-static void copy_results(const struct hold *hold, const struct bvhd_error *errors, enum target target,
-                         struct bvhd_result *ret_results)
+static void copy_results(const struct hold *hold, const struct bvhd_error *errors, struct bvhd_result *ret_results)
 {
     for (uint32_t i = 0; i < hold->count; i++) {
         if (errors[i].status != BVHD_OK)
             ret_results[i] = (struct bvhd_result){.error = errors[i]};
         else
-            copy_result(&hold->items[i], target, &ret_results[i]);
+            copy_result(&hold->items[i], &ret_results[i]);
     }
 }
 
@@ -161,7 +146,7 @@ static enum bvhd_status build_here(struct backend *backend, const struct bvhd_bu
         bvhd_error_set(error, status, "", "no memory for a batch of %u", build->info_count);
     }
     if (status == BVHD_OK) {
-        copy_results(hold, errors, options.target, ret_results);
+        copy_results(hold, errors, ret_results);
         *ret_hold = hold;
     } else {
         release(backend, hold);

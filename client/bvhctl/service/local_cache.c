@@ -44,7 +44,7 @@ static enum bvhd_status begin(struct store_sink *sink, const struct store_entry 
     struct reading *reading = container_of(sink, struct reading, sink);
     if (entry->summary.size == 0)
         return bvhd_error_set(error, BVHD_NOT_FOUND, "summary", "the entry is the record of a result");
-    enum bvhd_status status = summary_read(entry->summary, entry->size, &reading->summary, error);
+    enum bvhd_status status = summary_read(entry->summary, &reading->summary, error);
     if (status != BVHD_OK)
         return status;
     reading->blob = memory_alloc(reading->memory, entry->size);
@@ -69,7 +69,7 @@ static enum bvhd_status take(struct store_sink *sink, const void *bytes, uint64_
 }
 
 static bool get(struct batch_cache *batch, const struct key *key, struct memory *memory, unsigned char **ret_blob,
-                struct summary *ret_summary)
+                uint64_t *ret_size, struct summary *ret_summary)
 {
     struct local_cache *cache = container_of(batch, struct local_cache, cache);
     struct reading reading = {.sink = {begin, room, take}, .memory = memory};
@@ -82,6 +82,7 @@ static bool get(struct batch_cache *batch, const struct key *key, struct memory 
         return false;
     }
     *ret_blob = reading.blob;
+    *ret_size = reading.at;
     *ret_summary = reading.summary;
     return true;
 }
@@ -139,27 +140,25 @@ static void flush(struct local_cache *cache)
 }
 
 /* Without memory for the copy the result is not kept. */
-static void put(struct batch_cache *batch, const struct key *key, const unsigned char *blob,
-                const struct summary *summary)
+static void put(struct batch_cache *batch, const struct key *key, struct bytes blob, const struct summary *summary)
 {
     struct local_cache *cache = container_of(batch, struct local_cache, cache);
-    uint64_t size = summary->stats.sizes.total;
-    if (cache->pending_bytes + size > LOCAL_CACHE_PENDING)
+    if (cache->pending_bytes + blob.size > LOCAL_CACHE_PENDING)
         flush(cache);
     struct local_cache_entry *entry = memory_alloc(&cache->memory, sizeof *entry);
-    unsigned char *copy = memory_alloc(&cache->memory, size);
+    unsigned char *copy = memory_alloc(&cache->memory, blob.size);
     if (!entry || !copy) {
         memory_free(&cache->memory, entry);
         memory_free(&cache->memory, copy);
         report_detail("build", "a result is not kept on disk: no memory for a copy");
         return;
     }
-    *entry = (struct local_cache_entry){.next = cache->pending, .key = *key, .size = size, .blob = copy};
-    memcpy(copy, blob, size);
+    *entry = (struct local_cache_entry){.next = cache->pending, .key = *key, .size = blob.size, .blob = copy};
+    memcpy(copy, blob.data, blob.size);
     summary_write(summary, entry->summary);
     cache->pending = entry;
     cache->pending_count++;
-    cache->pending_bytes += size;
+    cache->pending_bytes += blob.size;
 }
 
 /* If a directory that the user did not name cannot be used, that is no error. */

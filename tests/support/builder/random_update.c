@@ -21,7 +21,8 @@ static enum bvhd_status begin(const struct build_input *input, const struct batc
     prepare_finish(&canonical, context->memory);
     if (status != BVHD_OK)
         return status;
-    status = refit_measure(blob, &item->stats, context, ret_record, error);
+    const struct build_stats stats = {.quality = (enum build_quality)item->summary.quality};
+    status = refit_measure(blob, &stats, context, ret_record, error);
     if (status != BVHD_OK)
         record_finish(ret_record, context->memory);
     return status;
@@ -30,15 +31,17 @@ static enum bvhd_status begin(const struct build_input *input, const struct batc
 static enum bvhd_status replace(const struct refit_request *request, const struct build_context *context,
                                 struct batch_item *item, struct refit_result *ret_result, struct bvhd_error *error)
 {
+    struct build_stats stats;
     unsigned char *blob;
     enum bvhd_status status = update_rules_check(request->source_record, request->record, 0, error);
     if (status == BVHD_OK)
-        status = refit(request, context, &blob, &item->stats, ret_result, error);
+        status = refit(request, context, &blob, &stats, ret_result, error);
     if (status != BVHD_OK)
         return status;
     memory_free(context->memory, item->blob);
     item->blob = blob;
-    item->size = item->stats.sizes.total;
+    item->size = stats.sizes.total;
+    item->summary = summary_of(&stats, (enum target)item->summary.target);
     return BVHD_OK;
 }
 

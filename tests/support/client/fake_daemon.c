@@ -201,13 +201,13 @@ void fake_send_result(struct fake_daemon *fake, uint64_t request, uint32_t item,
 {
     struct control_result result = {
         .item = item, .size = size, .origin = ORIGIN_BUILT, .queued_ms = 1, .prepare_ms = 2, .build_ms = 3};
-    result.summary = (struct control_summary){.primitives = 11,
-                                              .triangles = 12,
-                                              .depth = 13,
-                                              .sah = 1.5,
-                                              .build_ms = 4,
-                                              .method = "binned",
-                                              .bounds = {1, 2, 3, 4, 5, 6}};
+    result.summary = (struct summary){.primitives = 11,
+                                      .triangles = 12,
+                                      .depth = 13,
+                                      .sah = 1.5,
+                                      .build_ms = 4,
+                                      .method = "binned",
+                                      .bounds = {{1, 2, 3}, {4, 5, 6}}};
     memset(&result.key, 0xab, sizeof result.key);
     unsigned char *bytes = malloc(size);
     if (!bytes)

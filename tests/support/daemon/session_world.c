@@ -582,8 +582,8 @@ void world_check_bytes(const struct world_event *event, const struct build_input
     assert_int_equal(event->result->size, item.size);
     assert_memory_equal(event->bytes, item.blob, item.size);
     assert_memory_equal(&event->result->key, &item.key, sizeof item.key);
-    assert_int_equal(event->result->summary.refs, item.stats.refs);
-    assert_true(event->result->summary.sah == item.stats.sah);
+    assert_int_equal(event->result->summary.refs, item.summary.refs);
+    assert_true(event->result->summary.sah == item.summary.sah);
     assert_int_equal(event->result->summary.target, input->options.target);
     batch_finish(&item, 1, &memory);
 }

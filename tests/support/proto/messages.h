@@ -68,17 +68,27 @@ static inline void messages_fill(struct messages *all)
         .item = 9, .size = 12345678901, .origin = ORIGIN_COALESCED, .queued_ms = 0.5, .prepare_ms = -0.0};
     memset(&all->result.key, 0xc3, sizeof all->result.key);
     all->result.build_ms = NAN;
-    all->result.summary = (struct control_summary){11,           12,
-                                                   13,           14,
-                                                   15,           16,
-                                                   17,           UINT64_MAX,
-                                                   18,           TARGET_PORTABLE,
-                                                   -0.0,         INFINITY,
-                                                   "spatial",    {-0.0f, NAN, -INFINITY, 1, 2, 3},
-                                                   QUALITY_HIGH, {0},
-                                                   -0.0,         21};
-    for (int i = 0; i < 20; i++)
-        all->result.summary.slabs[i] = (float)i - 7.5f;
+    all->result.summary = (struct summary){.primitives = 11,
+                                           .triangles = 12,
+                                           .instances = 13,
+                                           .inactive = 14,
+                                           .degenerate = 15,
+                                           .skipped = 16,
+                                           .refs = 17,
+                                           .peak_bytes = UINT64_MAX,
+                                           .depth = 18,
+                                           .target = TARGET_PORTABLE,
+                                           .quality = QUALITY_HIGH,
+                                           .refits = 21,
+                                           .sah = -0.0,
+                                           .build_ms = INFINITY,
+                                           .method = "spatial",
+                                           .bounds = {{-0.0f, NAN, -INFINITY}, {1, 2, 3}},
+                                           .decay = -0.0};
+    for (int i = 0; i < SLABS_COUNT; i++) {
+        all->result.summary.slabs.min[i] = (float)i - 7.5f;
+        all->result.summary.slabs.max[i] = (float)i + 2.5f;
+    }
     all->busy.retry_ms = 250;
     all->counters = (struct control_counters){MESSAGES_COUNTERS, all->rows, "0.1.0"};
     all->rows[0] = (struct control_counter){"builds_started", 1};

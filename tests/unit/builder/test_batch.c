@@ -62,17 +62,17 @@ static void items_stand_alone_and_equal_ones_are_built_once(void **state)
         assert_int_equal(item->status, BVHD_OK);
         assert_int_equal(portable_open((struct bytes){item->blob, item->size}, &f.memory, &view, NULL), BVHD_OK);
         assert_int_equal(item->coalesced, i == 3 || i == 6);
-        assert_int_equal(view.header->primitive_count, item->stats.primitives);
-        assert_true(item->peak_bytes > 0);
+        assert_int_equal(view.header->primitive_count, item->summary.primitives);
+        assert_true(item->summary.peak_bytes > 0);
     }
     assert_true(key_equal(&f.items[0].key, &f.items[3].key));
     assert_ptr_equal(f.items[0].blob, f.items[3].blob);
     assert_ptr_equal(f.items[1].blob, f.items[6].blob);
     assert_false(key_equal(&f.items[1].key, &f.items[5].key));
-    assert_int_equal(f.items[0].stats.triangles, 5);
-    assert_int_equal(f.items[1].stats.inactive, 1);
-    assert_int_equal(f.items[2].stats.instances, 4);
-    assert_int_equal(f.items[6].stats.primitives, 3);
+    assert_int_equal(f.items[0].summary.triangles, 5);
+    assert_int_equal(f.items[1].summary.inactive, 1);
+    assert_int_equal(f.items[2].summary.instances, 4);
+    assert_int_equal(f.items[6].summary.primitives, 3);
     batch_finish(f.items, ITEMS, &f.memory);
     assert_int_equal(f.memory.live, 0);
 }
@@ -153,8 +153,8 @@ static void peaks_are_of_one_item(void **state)
     assert_int_equal(batch_build(f.inputs, ITEMS, &f.limits, &f.context, f.items, NULL), BVHD_OK);
     for (int i = 0; i < 3; i++) {
         assert_int_equal(batch_build(&alone.inputs[i], 1, &alone.limits, &alone.context, alone.items, NULL), BVHD_OK);
-        assert_true(alone.items[0].peak_bytes >= alone.items[0].size);
-        assert_int_equal(f.items[i].peak_bytes, alone.items[0].peak_bytes);
+        assert_true(alone.items[0].summary.peak_bytes >= alone.items[0].size);
+        assert_int_equal(f.items[i].summary.peak_bytes, alone.items[0].summary.peak_bytes);
         batch_finish(alone.items, 1, &alone.memory);
     }
     memory_free(&f.memory, beside);
@@ -219,20 +219,21 @@ struct memory_cache {
     uint32_t count, hits;
     struct key keys[ITEMS];
     unsigned char *blobs[ITEMS];
+    uint64_t sizes[ITEMS];
     struct summary summaries[ITEMS];
     bool changes_target; /* what it returns is not what was asked for */
 };
 
 static bool cache_get(struct batch_cache *batch, const struct key *key, struct memory *memory, unsigned char **ret_blob,
-                      struct summary *ret_summary)
+                      uint64_t *ret_size, struct summary *ret_summary)
 {
     struct memory_cache *cache = (struct memory_cache *)batch;
     for (uint32_t i = 0; i < cache->count; i++) {
-        uint64_t size = cache->summaries[i].stats.sizes.total;
         if (!key_equal(key, &cache->keys[i]))
             continue;
-        *ret_blob = memory_alloc(memory, size);
-        memcpy(*ret_blob, cache->blobs[i], size);
+        *ret_blob = memory_alloc(memory, cache->sizes[i]);
+        memcpy(*ret_blob, cache->blobs[i], cache->sizes[i]);
+        *ret_size = cache->sizes[i];
         *ret_summary = cache->summaries[i];
         if (cache->changes_target)
             ret_summary->target = TARGET_LAVAPIPE;
@@ -242,14 +243,14 @@ static bool cache_get(struct batch_cache *batch, const struct key *key, struct m
     return false;
 }
 
-static void cache_put(struct batch_cache *batch, const struct key *key, const unsigned char *blob,
+static void cache_put(struct batch_cache *batch, const struct key *key, struct bytes blob,
                       const struct summary *summary)
 {
     struct memory_cache *cache = (struct memory_cache *)batch;
-    uint64_t size = summary->stats.sizes.total;
     assert_true(cache->count < ITEMS);
     cache->keys[cache->count] = *key;
-    cache->blobs[cache->count] = memcpy(malloc(size), blob, size);
+    cache->blobs[cache->count] = memcpy(malloc(blob.size), blob.data, blob.size);
+    cache->sizes[cache->count] = blob.size;
     cache->summaries[cache->count++] = *summary;
 }
 
@@ -280,8 +281,8 @@ static void a_cache_keeps_results_and_no_errors(void **state)
             continue;
         assert_int_equal(built->size, taken->size);
         assert_memory_equal(built->blob, taken->blob, built->size);
-        assert_true(taken->build_ms == 0 && taken->original_build_ms == built->original_build_ms);
-        assert_int_equal(built->stats.primitives, taken->stats.primitives);
+        assert_true(taken->build_ms == 0 && taken->summary.build_ms == built->summary.build_ms);
+        assert_int_equal(built->summary.primitives, taken->summary.primitives);
     }
     batch_finish(first.items, ITEMS, &first.memory);
     batch_finish(second.items, ITEMS, &second.memory);

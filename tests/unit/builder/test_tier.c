@@ -174,7 +174,7 @@ static void hints_of_one_tier_share_a_result(void **state)
     assert_int_equal(batch_build(inputs, ITEMS, &limits, &context, items, NULL), BVHD_OK);
     for (int i = 0; i < ITEMS; i++) {
         assert_int_equal(items[i].status, BVHD_OK);
-        assert_int_equal(items[i].stats.quality, i < 3 ? QUALITY_FAST : QUALITY_HIGH);
+        assert_int_equal(items[i].summary.quality, i < 3 ? QUALITY_FAST : QUALITY_HIGH);
         assert_int_equal(items[i].coalesced, i == 1 || i == 2);
         assert_int_equal(key_equal(&items[i].key, &items[0].key), i < 3);
     }

@@ -258,8 +258,8 @@ static void send_structure(struct scene *scene, uint64_t request, uint32_t item,
     serialized_write(bytes, &header);
     memcpy(bytes + 64, &body, sizeof body);
     struct control_result result = {.item = item, .size = sizeof bytes, .origin = ORIGIN_MEMORY};
-    result.summary = (struct control_summary){.method = "none", .bounds = {-1, -2, -3, 4, 5, 6}};
-    result.summary.slabs[19] = 7;
+    result.summary = (struct summary){.method = "none", .bounds = {{-1, -2, -3}, {4, 5, 6}}};
+    result.summary.slabs.max[SLABS_COUNT - 1] = 7;
     memset(&result.key, 0xcd, sizeof result.key);
     fake_send_result_with(&scene->bed.fake, request, &result, (struct bytes){bytes, sizeof bytes}, -1);
 }

@@ -31,12 +31,12 @@ static void expect_built(const struct bvhd_result *result, const struct terrain 
     assert_int_equal(result->size, item.size);
     assert_memory_equal(result->data, item.blob, item.size);
     assert_memory_equal(&result->key, &item.key, sizeof item.key);
-    assert_memory_equal(result->bounds, &item.stats.bounds, sizeof result->bounds);
-    assert_memory_equal(result->slabs, &item.stats.slabs, sizeof result->slabs);
-    assert_int_equal(result->triangles, item.stats.triangles);
-    assert_int_equal(result->depth, item.stats.depth);
-    assert_true(result->sah == item.stats.sah);
-    assert_string_equal(result->method, item.stats.method);
+    assert_memory_equal(result->bounds, &item.summary.bounds, sizeof result->bounds);
+    assert_memory_equal(result->slabs, &item.summary.slabs, sizeof result->slabs);
+    assert_int_equal(result->triangles, item.summary.triangles);
+    assert_int_equal(result->depth, item.summary.depth);
+    assert_true(result->sah == item.summary.sah);
+    assert_string_equal(result->method, item.summary.method);
     assert_int_equal(result->quality, BVHD_QUALITY_FAST);
     assert_int_equal(result->target, BVHD_TARGET_PORTABLE);
     assert_true(result->peak_bytes > 0 && result->original_build_ms > 0);

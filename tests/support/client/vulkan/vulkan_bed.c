@@ -84,7 +84,7 @@ static void build_top(struct vulkan_bed *bed)
                                            .handle = HANDLE + i,
                                            .has_key = true,
                                            .key = bed->items[i].key,
-                                           .bounds = bed->items[i].stats.bounds};
+                                           .bounds = bed->items[i].summary.bounds};
     write_instances(bed, records);
     const struct geometry geometry = {.type = GEOMETRY_INSTANCES,
                                       .instances.records = {records, (uint64_t)RECORD * count},

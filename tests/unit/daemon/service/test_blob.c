@@ -500,7 +500,7 @@ static void *hold_and_read(void *context)
         struct blob *held = blob_ref(blob);
         uint64_t at = i * 7919 % held->size;
         wrong += held->bytes && held->bytes[at] != expected_byte(at);
-        wrong += held->build_ms != 7;
+        wrong += held->summary.build_ms != 7;
         blob_unref(held);
     }
     blob_unref(blob);
@@ -512,7 +512,7 @@ static void any_thread_may_let_go_last(void **state)
     (void)state;
     for (int i = 0; i < SIZE_COUNT; i += 3) {
         struct blob *blob = make_blob(sizes[i]);
-        blob->build_ms = 7;
+        blob->summary.build_ms = 7;
         pthread_t threads[THREADS];
         for (int j = 0; j < THREADS; j++)
             assert_int_equal(pthread_create(&threads[j], NULL, hold_and_read, blob_ref(blob)), 0);

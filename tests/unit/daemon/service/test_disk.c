@@ -426,8 +426,7 @@ static struct blob *make_blob(struct blob_account *account, uint64_t number)
     assert_int_equal(blob_writer_finish(&writer, &blob, NULL), BVHD_OK);
     memset(&blob->key, 0, sizeof blob->key);
     bytes_put64(blob->key.bytes, number);
-    blob->target = TARGET_PORTABLE;
-    blob->stats = (struct build_stats){.method = "none", .quality = QUALITY_FAST};
+    blob->summary = (struct summary){.target = TARGET_PORTABLE, .method = "none", .quality = QUALITY_FAST};
     return blob;
 }
 

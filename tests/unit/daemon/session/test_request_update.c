@@ -71,9 +71,7 @@ static void move(const struct world_mesh *mesh, uint32_t step)
 struct made {
     struct memory memory;
     struct build_entry entry;
-    unsigned char *blob;
-    struct build_stats stats;
-    struct refit_result refit;
+    struct build_made made;
 };
 
 /* `source` is NULL for a build. */
@@ -87,32 +85,31 @@ static void make(const struct build_input *input, const struct made *source, str
     struct build_entry_source from = {.blob = {NULL, 0}};
     if (source) {
         asked.source_key = source->entry.key;
-        from = (struct build_entry_source){{source->blob, source->stats.sizes.total}, source->entry.record.bytes};
+        from = (struct build_entry_source){{source->made.blob, source->made.size}, source->entry.record.bytes};
     }
     assert_int_equal(build_entry_prepare(&asked, 0, &limits, &from, &context, &ret_made->entry, &error), BVHD_OK);
-    assert_int_equal(build_entry_make(&ret_made->entry, &from, &context, &ret_made->blob, &ret_made->stats,
-                                      &ret_made->refit, &error),
-                     BVHD_OK);
+    assert_int_equal(build_entry_make(&ret_made->entry, &from, &context, &ret_made->made, &error), BVHD_OK);
 }
 
 static void made_finish(struct made *made)
 {
     build_entry_finish(&made->entry, &made->memory);
-    memory_free(&made->memory, made->blob);
+    memory_free(&made->memory, made->made.blob);
     assert_int_equal(made->memory.live, 0);
 }
 
 static void check_same(const struct world_event *event, const struct made *made)
 {
     const struct control_result *result = event->result;
+    const struct summary *summary = &made->made.summary;
     assert_int_equal(result->error.status, BVHD_OK);
-    assert_int_equal(result->size, made->stats.sizes.total);
-    assert_memory_equal(event->bytes, made->blob, result->size);
+    assert_int_equal(result->size, made->made.size);
+    assert_memory_equal(event->bytes, made->made.blob, result->size);
     assert_true(key_equal(&result->key, &made->entry.key));
-    assert_true(result->summary.decay == made->refit.decay);
-    assert_int_equal(result->summary.refits, made->refit.refits);
-    assert_string_equal(result->summary.method, made->stats.method);
-    assert_true(result->summary.sah == made->stats.sah);
+    assert_true(result->summary.decay == summary->decay);
+    assert_int_equal(result->summary.refits, summary->refits);
+    assert_string_equal(result->summary.method, summary->method);
+    assert_true(result->summary.sah == summary->sah);
 }
 
 /* ---- updates that succeed ---- */
