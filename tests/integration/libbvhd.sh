@@ -175,6 +175,21 @@ run_example()
 export TMPDIR="$scratch"
 run_example 'without a daemon'
 expect_quietly 'the bytes, without a daemon' sh -c './bytes >alone.as && [ "$(wc -c <alone.as)" -ge 352 ]'
+
+# The loop of updates, of which docs/library.md has the functions that update.
+sed -n '/^## Updates$/,/^## /s/^    //p' "$source/docs/library.md" >quoted
+sed -n '/^\/\* Makes the structure of the vertices/,/^int main/{/^int main/!{/^$/!p}}' \
+    "$source/client/examples/update_loop.c" >functions
+expect_quietly "update_loop.c has functions to quote ($(wc -l <functions))" [ "$(wc -l <functions)" -gt 30 ]
+expect_quietly 'docs/library.md quotes them' diff functions quoted
+for link in "$(pkg --libs)" "$static_flags"; do
+    expect_quietly "update_loop.c $link" $compiler -std=c99 -pedantic -Wall -Wextra -Wconversion -Werror \
+        "$source/client/examples/update_loop.c" -o update_loop $(pkg --cflags) $link -lm
+    expect_quietly 'a loop of updates' sh -c './update_loop >loop'
+    expect_quietly "it updates most frames, and builds some: $(tail -n 1 loop)" \
+        grep -Eqx '24 frames: (1[2-9]|2[0-2]) updates, [0-9]+ builds' loop
+done
+
 export BVHD_SOCKET="$scratch/s.sock"
 run_example 'where a daemon could be'
 "$prefix/bin/bvhd" --socket "$BVHD_SOCKET" --no-cache >daemon.log 2>&1 &
@@ -183,6 +198,8 @@ expect_quietly "a daemon: $(cat daemon.log)" "$prefix/bin/bvhctl" --connect-time
 run_example 'with a daemon'
 expect_quietly 'the bytes, with a daemon' sh -c './bytes >served.as && cmp alone.as served.as'
 expect_quietly 'the daemon has built' sh -c "'$prefix/bin/bvhctl' stats | grep -Eq '^builds_done +1$'"
+expect_quietly 'the loop of updates is the same with a daemon' sh -c './update_loop >served && cmp loop served'
+expect_quietly 'the daemon has updated' sh -c "'$prefix/bin/bvhctl' stats | grep -Eq '^refits_done +[1-9]'"
 kill "$daemon"
 wait "$daemon"
 daemon=
