@@ -238,6 +238,7 @@ void client_batch_free(struct bvhd_batch *batch)
     dependency_destroy(batch->dependencies);
     for (uint32_t i = 0; i < batch->count; i++)
         bvhd_blob_unref(batch->items[i].result.blob);
+    result_blocks_finish(&batch->blocks);
     vulkan_input_destroy(batch->input);
     memory_free(&library_memory, batch->keys);
     memory_free(&library_memory, batch);

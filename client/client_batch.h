@@ -4,6 +4,7 @@
 #define BVHD_CLIENT_BATCH_H
 
 #include "client/client.h"
+#include "client/result_blocks.h"
 #include "proto/wire/control.h"
 #include "client/vulkan_input.h"
 
@@ -61,6 +62,7 @@ struct bvhd_batch {
      */
     uint64_t frame_bytes;
     uint32_t exchanges; /* number of exchanges that point to this batch */
+    struct result_blocks blocks; /* where results are that come inside frames */
     uint32_t count;
     struct client_item items[];
 };

@@ -130,7 +130,7 @@ static enum bvhd_status take_blob(const struct incoming_frame *arrival, uint64_t
     if (frame->header.inline_size != size)
         return bvhd_error_set(error, BVHD_CORRUPT, "result", "%u bytes instead of %llu", frame->header.inline_size,
                               (unsigned long long)size);
-    return result_blob_copy(frame->inline_bytes, ret_blob, error);
+    return result_blob_copy_into(frame->inline_bytes, &arrival->exchange->batch->blocks, ret_blob, error);
 }
 
 static void deliver(const struct incoming_frame *arrival, const struct control_result *result)

@@ -13,20 +13,22 @@
 
 struct bvhd_blob {
     atomic_uint refs;
-    bool mapped; /* `data` is a mapping; else it comes from library_memory */
+    bool mapped; /* `data` is a mapping */
+    struct result_block *block; /* `data` is in it; NULL, and not mapped: `data` comes from library_memory */
     void *data;
     uint64_t size;
     struct local_source *source; /* of a blob that was built here; NULL: it cannot be updated here */
     struct holdings *holdings; /* where it counts; NULL: nowhere */
 };
 
-static enum bvhd_status create(void *data, uint64_t size, bool mapped, struct bvhd_blob **ret_blob,
-                               struct bvhd_error *error)
+/* Copies the fields that say where the bytes are. It takes nothing over if it fails. */
+static enum bvhd_status create(const struct bvhd_blob *place, struct bvhd_blob **ret_blob, struct bvhd_error *error)
 {
     struct bvhd_blob *blob = memory_alloc(&library_memory, sizeof *blob);
     if (!blob)
         return bvhd_error_no_memory(error, "result", "no memory for it");
-    *blob = (struct bvhd_blob){.mapped = mapped, .data = data, .size = size};
+    *blob =
+        (struct bvhd_blob){.mapped = place->mapped, .block = place->block, .data = place->data, .size = place->size};
     atomic_init(&blob->refs, 1);
     *ret_blob = blob;
     return BVHD_OK;
@@ -34,7 +36,7 @@ static enum bvhd_status create(void *data, uint64_t size, bool mapped, struct bv
 
 enum bvhd_status result_blob_take(void *data, uint64_t size, struct bvhd_blob **ret_blob, struct bvhd_error *error)
 {
-    enum bvhd_status status = create(data, size, false, ret_blob, error);
+    enum bvhd_status status = create(&(struct bvhd_blob){.data = data, .size = size}, ret_blob, error);
     if (status != BVHD_OK)
         memory_free(&library_memory, data);
     return status;
@@ -47,6 +49,21 @@ enum bvhd_status result_blob_copy(struct bytes bytes, struct bvhd_blob **ret_blo
         return bvhd_error_no_memory(error, "result", "no memory for %llu bytes", (unsigned long long)bytes.size);
     memcpy(data, bytes.data, bytes.size);
     return result_blob_take(data, bytes.size, ret_blob, error);
+}
+
+enum bvhd_status result_blob_copy_into(struct bytes bytes, struct result_blocks *blocks, struct bvhd_blob **ret_blob,
+                                       struct bvhd_error *error)
+{
+    struct result_block *block = NULL;
+    void *data = result_blocks_take(blocks, bytes.size, &block);
+    if (!data)
+        return result_blob_copy(bytes, ret_blob, error);
+    memcpy(data, bytes.data, bytes.size);
+    const struct bvhd_blob place = {.block = block, .data = data, .size = bytes.size};
+    enum bvhd_status status = create(&place, ret_blob, error);
+    if (status != BVHD_OK)
+        result_block_unref(block);
+    return status;
 }
 
 enum bvhd_status result_blob_set_source(struct bvhd_blob *blob, const struct key *key, struct bytes record,
@@ -93,7 +110,7 @@ static enum bvhd_status map(int descriptor, uint64_t size, struct bvhd_blob **re
         return bvhd_error_set(error, errno == ENOMEM ? BVHD_NO_MEMORY : BVHD_IO, "result", "mmap: %s", strerror(errno));
     /* Without this advice, munmap marks each page as used, which takes longer than all the rest that it does. */
     madvise(data, size, MADV_SEQUENTIAL);
-    status = create(data, size, true, ret_blob, error);
+    status = create(&(struct bvhd_blob){.mapped = true, .data = data, .size = size}, ret_blob, error);
     if (status != BVHD_OK)
         munmap(data, size);
     return status;
@@ -140,6 +157,8 @@ void bvhd_blob_unref(struct bvhd_blob *blob)
     local_source_destroy(blob->source);
     if (blob->mapped)
         munmap(blob->data, blob->size);
+    else if (blob->block)
+        result_block_unref(blob->block);
     else
         memory_free(&library_memory, blob->data);
     if (blob->holdings)

@@ -9,12 +9,17 @@
 #include <bvhd/bvhd.h>
 
 #include "client/holdings.h"
+#include "client/result_blocks.h"
 #include "proto/base/bytes.h"
 #include "proto/base/key.h"
 #include "proto/base/status.h"
 
 /* Makes a blob with a copy of `bytes`, at least one. Fails with BVHD_NO_MEMORY. */
 enum bvhd_status result_blob_copy(struct bytes bytes, struct bvhd_blob **ret_blob, struct bvhd_error *error);
+
+/* The same, but the copy may share a block with other results. */
+enum bvhd_status result_blob_copy_into(struct bytes bytes, struct result_blocks *blocks, struct bvhd_blob **ret_blob,
+                                       struct bvhd_error *error);
 
 /*
  * Makes a blob of a block of library_memory. It takes the block over, even if it fails with BVHD_NO_MEMORY.

@@ -26,19 +26,46 @@ struct share_times {
     double wall; /* from submission to the last result */
     double active; /* from the start of the first job to the end of the last */
     double busy; /* sum over all workers */
+    double copying, receiving; /* processor time of the client's thread until the batch is submitted, and after that */
+    double loop; /* processor time of the daemon's loop */
 };
 
-static struct share_times time_batch(struct bvhd_client *client, const struct bvhd_build *build)
+/* Milliseconds for which the calling thread has run. */
+static double own_time(void)
+{
+    struct timespec now;
+    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
+    return (double)now.tv_sec * 1e3 + (double)now.tv_nsec * 1e-6;
+}
+
+/* Milliseconds for which the daemon's first thread has run, which is its loop. */
+static double loop_time(pid_t pid)
+{
+    char path[64];
+    unsigned long long ns = 0;
+    snprintf(path, sizeof path, "/proc/%d/task/%d/schedstat", (int)pid, (int)pid);
+    FILE *file = fopen(path, "r");
+    if (!file || fscanf(file, "%llu", &ns) != 1)
+        bench_fail("cannot read %s", path);
+    fclose(file);
+    return (double)ns * 1e-6;
+}
+
+static struct share_times time_batch(struct bvhd_client *client, pid_t daemon, const struct bvhd_build *build)
 {
     struct bvhd_error error;
     struct bvhd_batch *batch;
     struct share_times times;
     uint64_t busy = bench_counter(client, "busy_ns"), active = bench_counter(client, "active_ns");
-    double begin = bench_now();
+    double loop = loop_time(daemon), own = own_time(), begin = bench_now();
     if (bvhd_batch_submit(client, build, &batch, &error) != BVHD_OK)
         bench_fail("%s: %s", error.where, error.text);
+    double submitted = own_time();
     bvhd_batch_wait(batch, -1);
     times.wall = bench_now() - begin;
+    times.copying = submitted - own;
+    times.receiving = own_time() - submitted;
+    times.loop = loop_time(daemon) - loop;
     bench_finish(batch);
     times.busy = (double)(bench_counter(client, "busy_ns") - busy) * 1e-6;
     times.active = (double)(bench_counter(client, "active_ns") - active) * 1e-6;
@@ -73,7 +100,7 @@ static void crew_build(struct crew *crew)
     double apart = bench_apart(meshes, MESHES, crew->workers);
     crew->apart = apart < crew->apart ? apart : crew->apart;
     sleep_us(PAUSE_US);
-    struct share_times times = time_batch(crew->client, &build);
+    struct share_times times = time_batch(crew->client, crew->process.pid, &build);
     crew->best = times.active < crew->best.active ? times : crew->best;
 }
 
@@ -86,6 +113,9 @@ static void crew_stop(struct crew *crew)
         what,
         "first job to last %.1f ms, workers busy %.3f of it, client waits %.1f ms; as many processes apart %.1f ms",
         times->active, times->busy / times->active / crew->workers, times->wall, crew->apart);
+    bench_line("  processor time a mesh", "worker %.1f us, loop %.1f, client until submitted %.1f and after that %.1f",
+               times->busy * 1e3 / MESHES, times->loop * 1e3 / MESHES, times->copying * 1e3 / MESHES,
+               times->receiving * 1e3 / MESHES);
     bvhd_client_destroy(crew->client);
     bench_stop(&crew->process);
 }

@@ -446,10 +446,7 @@ struct bvhd_result {
     struct bvhd_blob *blob; /* the batch's reference; take another one with bvhd_blob_ref to keep the bytes */
     enum bvhd_origin origin;
     double queued_ms, prepare_ms, build_ms; /* spent in the service for this request */
-    /*
-     * Statistics of the structure. `peak_bytes` is the build's peak memory; `sah` and `depth` belong to the 2-wide
-     * tree.
-     */
+    /* Statistics. `peak_bytes` is the build's peak memory; `sah` and `depth` belong to the 2-wide tree. */
     uint64_t primitives, triangles, instances, inactive, degenerate, skipped, refs, peak_bytes;
     uint32_t depth;
     double sah;
@@ -490,6 +487,7 @@ BVHD_API enum bvhd_status bvhd_reference_from_result(const struct bvhd_result *r
 
 /*
  * Takes another reference and returns `blob`. The bytes are freed with the last reference; bvhd_blob_unref allows NULL.
+ * Results of up to 64 KiB of a batch with more than 2 MiB of them share memory: one that is kept keeps up to 4 MiB.
  */
 BVHD_API struct bvhd_blob *bvhd_blob_ref(struct bvhd_blob *blob);
 BVHD_API void bvhd_blob_unref(struct bvhd_blob *blob);
