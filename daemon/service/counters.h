@@ -48,7 +48,9 @@
     X(connections_refused) /* clients that were turned away: too many connections, no memory, no descriptors */        \
     X(refits_started) /* updates, which are not among the builds */                                                    \
     X(refits_done)                                                                                                     \
-    X(refits_failed) /* or cancelled */
+    X(refits_failed)                                                                                                   \
+    X(refits_cancelled)                                                                                                \
+    X(refits_retried) /* updates that ran short of memory beside others and were tried again alone */
 
 #define COUNTERS_OF_LEVELS(X)                                                                                          \
     X(pid)                                                                                                             \

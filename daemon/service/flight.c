@@ -326,14 +326,13 @@ static bool is_update(const struct flight *flight)
 static void count_end(struct flight *flight)
 {
     struct counters *counters = flight->flights->counters;
-    if (is_update(flight)) {
-        counters->refits_done += flight->status == BVHD_OK;
-        counters->refits_failed += flight->status != BVHD_OK;
-        return;
-    }
-    counters->builds_done += flight->status == BVHD_OK;
-    counters->builds_cancelled += flight->status == BVHD_CANCELLED;
-    counters->builds_failed += flight->status != BVHD_OK && flight->status != BVHD_CANCELLED;
+    const bool update = is_update(flight);
+    if (flight->status == BVHD_OK)
+        ++*(update ? &counters->refits_done : &counters->builds_done);
+    else if (flight->status == BVHD_CANCELLED)
+        ++*(update ? &counters->refits_cancelled : &counters->builds_cancelled);
+    else
+        ++*(update ? &counters->refits_failed : &counters->builds_failed);
 }
 
 static void log_end(const struct flight *flight, double ms)
@@ -406,11 +405,12 @@ static bool may_be_retried(const struct flight *flight)
 
 static void try_again_alone(struct flight *flight)
 {
+    struct counters *counters = flight->flights->counters;
     if (flight->memory.claim.class != ADMISSION_ALONE)
         count_alone(flight, 1);
     flight->memory.claim.class = ADMISSION_ALONE;
     flight->attempts++;
-    flight->flights->counters->builds_retried++;
+    ++*(is_update(flight) ? &counters->refits_retried : &counters->builds_retried);
     wait_for_memory(flight);
 }
 

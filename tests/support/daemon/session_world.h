@@ -83,6 +83,21 @@ void world_await(struct session_world *world, bool (*reached)(void *context), vo
 /* Iterates until no item of any client is under way. */
 void world_settle(struct session_world *world);
 
+/* Lets no build or update start until world_release_builds. */
+static inline void world_hold_builds(struct session_world *world)
+{
+    struct admission *admission = &world->service->admission;
+    admission_give(&admission->builds[ADMISSION_SMALL], admission->limit);
+    admission_give(&admission->builds[ADMISSION_ALONE], 0); /* no large one starts beside it */
+}
+
+static inline void world_release_builds(struct session_world *world)
+{
+    struct admission *admission = &world->service->admission;
+    admission_end(&admission->builds[ADMISSION_SMALL], admission->limit);
+    admission_end(&admission->builds[ADMISSION_ALONE], 0);
+}
+
 /* Occupies one worker until world_open, and returns when it is occupied. */
 struct world_gate *world_shut(struct session_world *world);
 /* The worker's time counts for that flow. */

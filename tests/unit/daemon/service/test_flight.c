@@ -25,21 +25,6 @@ static int tear_down(void **state)
     return 0;
 }
 
-/* Lets no build start until builds_go. */
-static void builds_stop(void)
-{
-    struct admission *admission = &world.service->admission;
-    admission_give(&admission->builds[ADMISSION_SMALL], admission->limit);
-    admission_give(&admission->builds[ADMISSION_ALONE], 0); /* no large one starts beside it */
-}
-
-static void builds_go(void)
-{
-    struct admission *admission = &world.service->admission;
-    admission_end(&admission->builds[ADMISSION_SMALL], admission->limit);
-    admission_end(&admission->builds[ADMISSION_ALONE], 0);
-}
-
 static bool is_idle(void *context)
 {
     (void)context;
@@ -92,11 +77,11 @@ static void test_waiters_need_no_cache(void **state)
     options.cache = 0;
     world_init(&world, &options);
     struct world_client *client = world_join(&world);
-    builds_stop();
+    world_hold_builds(&world);
     build_equal_items(client, 1, 3);
     for (uint32_t i = 0; i < 3; i++)
         world_await_state(client, 1, i, ITEM_JOINED);
-    builds_go();
+    world_release_builds(&world);
     world_settle(&world);
     assert_int_equal(world_counters(&world).builds_started, 1);
     assert_int_equal(world_counters(&world).cache_entries, 0);
@@ -122,7 +107,7 @@ static void leave(struct world_client *client, enum leaving how)
 static void check_leaving_early(enum leaving how, bool starter_leaves)
 {
     struct world_client *first = world_join(&world), *second = world_join(&world);
-    builds_stop();
+    world_hold_builds(&world);
     world_build_mesh(first, 1, &mesh);
     world_await_state(first, 1, 0, ITEM_JOINED);
     world_build_mesh(second, 1, &mesh);
@@ -130,7 +115,7 @@ static void check_leaving_early(enum leaving how, bool starter_leaves)
     struct world_client *leaver = starter_leaves ? first : second, *stayer = starter_leaves ? second : first;
     leave(leaver, how);
     assert_int_equal(world_counters(&world).builds_waiting, 1);
-    builds_go();
+    world_release_builds(&world);
     world_check_bytes(world_await_result(stayer, 1, 0), &mesh.input);
     assert_int_equal(world_result(stayer, 1, 0)->result->origin, starter_leaves ? ORIGIN_COALESCED : ORIGIN_BUILT);
     assert_int_equal(world_counters(&world).builds_started, 1);
@@ -165,13 +150,13 @@ static void test_the_other_dies_early(void **state)
 static void check_leaving_late(enum leaving how)
 {
     struct world_client *first = world_join(&world), *second = world_join(&world);
-    builds_stop();
+    world_hold_builds(&world);
     world_build_mesh(first, 1, &mesh);
     world_build_mesh(second, 1, &mesh);
     world_await_state(first, 1, 0, ITEM_JOINED);
     world_await_state(second, 1, 0, ITEM_JOINED);
     struct world_gate *gates[] = {world_shut(&world), world_shut(&world)};
-    builds_go();
+    world_release_builds(&world);
     world_iterate(&world);
     assert_int_equal(world_counters(&world).builds_running, 1);
     leave(first, how);
@@ -244,10 +229,10 @@ static void test_a_withdrawn_build_is_not_inherited(void **state)
 {
     (void)state;
     struct world_client *client = world_join(&world);
-    builds_stop();
+    world_hold_builds(&world);
     world_build_mesh(client, 1, &mesh);
     world_await_state(client, 1, 0, ITEM_JOINED);
-    builds_go();
+    world_release_builds(&world);
     struct world_gate *gates[] = {world_shut(&world), world_shut(&world)};
     world_iterate(&world);
     assert_int_equal(world_counters(&world).builds_running, 1);
@@ -266,7 +251,7 @@ static void test_get_joins_a_build(void **state)
 {
     (void)state;
     struct world_client *builder = world_join(&world), *getter = world_join(&world);
-    builds_stop();
+    world_hold_builds(&world);
     world_build_mesh(builder, 1, &mesh);
     world_await_state(builder, 1, 0, ITEM_JOINED);
     struct key key = session_find(builder->session, 1)->items[0].key;
@@ -274,7 +259,7 @@ static void test_get_joins_a_build(void **state)
     assert_null(world_result(getter, 1, 0));
     assert_int_equal(session_find(getter->session, 1)->items[0].state, ITEM_JOINED);
     world_leave(builder); /* the getter keeps the build alive */
-    builds_go();
+    world_release_builds(&world);
     world_check_bytes(world_await_result(getter, 1, 0), &mesh.input);
     assert_int_equal(world_result(getter, 1, 0)->result->origin, ORIGIN_COALESCED);
     assert_null(session_find(getter->session, 1));
@@ -284,7 +269,7 @@ static void test_get_can_be_cancelled(void **state)
 {
     (void)state;
     struct world_client *builder = world_join(&world), *getter = world_join(&world);
-    builds_stop();
+    world_hold_builds(&world);
     world_build_mesh(builder, 1, &mesh);
     world_await_state(builder, 1, 0, ITEM_JOINED);
     struct key key = session_find(builder->session, 1)->items[0].key;
@@ -292,7 +277,7 @@ static void test_get_can_be_cancelled(void **state)
     assert_int_equal(world_cancel(getter, 1, NULL, 0), BVHD_OK);
     assert_int_equal(world_status(getter, 1, 0), BVHD_CANCELLED);
     assert_null(session_find(getter->session, 1));
-    builds_go();
+    world_release_builds(&world);
     world_check_bytes(world_await_result(builder, 1, 0), &mesh.input);
 }
 
@@ -339,7 +324,7 @@ static void test_a_shortage_beside_others_is_tried_again(void **state)
     world_mesh_init(&meshes[0], 20000, 1);
     world_mesh_init(&meshes[1], 20000, 2);
     struct memory *memory = &world.service->memory;
-    builds_stop();
+    world_hold_builds(&world);
     ask(client, 1, &meshes[0]);
     ask(client, 2, &meshes[1]);
     world_await_state(client, 1, 0, ITEM_JOINED);
@@ -348,7 +333,7 @@ static void test_a_shortage_beside_others_is_tried_again(void **state)
         memory_alloc(memory, memory->limit - atomic_load(&memory->live) - (1 << 20)); /* a build takes 2.9 MiB */
     assert_non_null(block);
     struct world_gate *gates[] = {world_shut(&world), world_shut(&world)};
-    builds_go();
+    world_release_builds(&world);
     world_iterate(&world);
     assert_int_equal(world_counters(&world).builds_running, 2);
     world_open(gates[0]);
@@ -419,14 +404,14 @@ static void test_a_build_is_tried_again_when_it_is_alone(void **state)
     struct world_mesh large, small_copy;
     world_mesh_init(&large, 20000, 1);
     world_mesh_init(&small_copy, 20000, 2);
-    builds_stop();
+    world_hold_builds(&world);
     ask(client, 1, &large);
     world_await_state(client, 1, 0, ITEM_JOINED);
     admission_give(&admission->prepares[ADMISSION_LARGE], 1); /* a copy of somebody else */
     void *block = memory_alloc(memory, memory->limit - atomic_load(&memory->live) - (1 << 20));
     assert_non_null(block);
     struct world_gate *gates[] = {world_shut(&world), world_shut(&world)};
-    builds_go();
+    world_release_builds(&world);
     world_iterate(&world);
     world_open(gates[0]);
     world_open(gates[1]);
@@ -464,7 +449,7 @@ static void test_a_shared_build_has_the_earliest_turn(void **state)
     struct world_client *busy = world_join_as(&world, 1), *idle = world_join_as(&world, 2),
                         *third = world_join_as(&world, 3);
     struct world_client *all[] = {busy, idle, third};
-    builds_stop();
+    world_hold_builds(&world);
     for (int i = 0; i < 3; i++) {
         world_build_mesh(all[i], 2, &mesh);
         world_await_state(all[i], 2, 0, ITEM_JOINED);
@@ -474,7 +459,7 @@ static void test_a_shared_build_has_the_earliest_turn(void **state)
     uint64_t before = pool_load(world.service->pool).busy_ns; /* no flow's time is above that */
     while (pool_flow_load(world.service->pool, flow).busy_ns <= 2 * before)
         sched_yield();
-    builds_go();
+    world_release_builds(&world);
     world_iterate(&world);
     assert_ptr_not_equal(flow_of_flight(busy, 2), busy->session->client.member.flow);
     world_leave(idle); /* while the job is queued */
@@ -492,7 +477,7 @@ static void test_a_shared_build_has_the_highest_priority(void **state)
     (void)state;
     struct world_client *client = world_join(&world);
     struct control_item item = world_item(&mesh.input, mesh.size, SOURCE_INLINE, 0);
-    builds_stop();
+    world_hold_builds(&world);
     for (int priority = PRIORITY_LOW; priority <= PRIORITY_HIGH; priority++) {
         uint64_t request = (uint64_t)(priority + 2);
         struct control_build build = {.priority = priority, .item_count = 1, .items = &item};
@@ -500,7 +485,7 @@ static void test_a_shared_build_has_the_highest_priority(void **state)
         world_await_state(client, request, 0, ITEM_JOINED);
         assert_int_equal(flight_priority(&session_find(client->session, 1)->items[0].waiter), priority);
     }
-    builds_go();
+    world_release_builds(&world);
     world_settle(&world);
     assert_int_equal(world_counters(&world).builds_started, 1);
 }

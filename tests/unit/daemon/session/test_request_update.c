@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * test_request_update.c - tests updates through a session: what they start from, and that they are refits, shared and
- * cancelled as builds are.
+ * test_request_update.c - tests updates through a session: what they start from, and that they are refits, shared,
+ * cancelled and tried again as builds are.
  */
 #include "tests/support/unit.h"
 
@@ -10,7 +10,6 @@
 
 #include "builder/content_key.h"
 #include "builder/store/generation.h"
-#include "builder/update/build_entry.h"
 #include "tests/support/builder/inputs.h"
 #include "tests/support/daemon/update_request.h"
 #include "tests/support/random.h"
@@ -67,51 +66,6 @@ static void move(const struct world_mesh *mesh, uint32_t step)
     }
 }
 
-/* A structure that is made in this process, without a service. */
-struct made {
-    struct memory memory;
-    struct build_entry entry;
-    struct build_made made;
-};
-
-/* `source` is NULL for a build. */
-static void make(const struct build_input *input, const struct made *source, struct made *ret_made)
-{
-    const struct limits limits = limits_default();
-    struct bvhd_error error;
-    memory_init(&ret_made->memory, UINT64_MAX);
-    const struct build_context context = {.memory = &ret_made->memory, .parallel = &parallel_serial};
-    struct build_input asked = *input;
-    struct build_entry_source from = {.blob = {NULL, 0}};
-    if (source) {
-        asked.source_key = source->entry.key;
-        from = (struct build_entry_source){{source->made.blob, source->made.size}, source->entry.record.bytes};
-    }
-    assert_int_equal(build_entry_prepare(&asked, 0, &limits, &from, &context, &ret_made->entry, &error), BVHD_OK);
-    assert_int_equal(build_entry_make(&ret_made->entry, &from, &context, &ret_made->made, &error), BVHD_OK);
-}
-
-static void made_finish(struct made *made)
-{
-    build_entry_finish(&made->entry, &made->memory);
-    memory_free(&made->memory, made->made.blob);
-    assert_int_equal(made->memory.live, 0);
-}
-
-static void check_same(const struct world_event *event, const struct made *made)
-{
-    const struct control_result *result = event->result;
-    const struct summary *summary = &made->made.summary;
-    assert_int_equal(result->error.status, BVHD_OK);
-    assert_int_equal(result->size, made->made.size);
-    assert_memory_equal(event->bytes, made->made.blob, result->size);
-    assert_true(key_equal(&result->key, &made->entry.key));
-    assert_true(result->summary.decay == summary->decay);
-    assert_int_equal(result->summary.refits, summary->refits);
-    assert_string_equal(result->summary.method, summary->method);
-    assert_true(result->summary.sah == summary->sah);
-}
-
 /* ---- updates that succeed ---- */
 
 /* A chain of updates: each has the bytes of a refit of the one before, and none is a build. */
@@ -121,17 +75,17 @@ static void test_updates_are_refits(void **state)
     enum { STEPS = 3 };
     struct world_client *client = world_join(&world);
     struct world_mesh mesh;
-    struct made made[STEPS + 1];
+    struct update_made made[STEPS + 1];
     updatable_mesh(&mesh, 3000);
     struct key key = update_build(client, &mesh.input);
-    make(&mesh.input, NULL, &made[0]);
+    update_make(&mesh.input, NULL, &made[0]);
     assert_true(key_equal(&key, &made[0].entry.key));
     const struct build_input update = update_of(&mesh.input);
     for (uint32_t step = 1; step <= STEPS; step++) {
         move(&mesh, step);
-        make(&update, &made[step - 1], &made[step]);
+        update_make(&update, &made[step - 1], &made[step]);
         const struct world_event *event = update_await(client, update_ask(client, &update, &key));
-        check_same(event, &made[step]);
+        update_check_same(event, &made[step]);
         assert_int_equal(event->result->origin, ORIGIN_BUILT);
         assert_int_equal(event->result->summary.refits, step);
         assert_true(event->result->summary.decay > 0);
@@ -143,7 +97,7 @@ static void test_updates_are_refits(void **state)
         key = event->result->key;
     }
     for (int i = 0; i <= STEPS; i++)
-        made_finish(&made[i]);
+        update_made_finish(&made[i]);
     world_mesh_finish(&mesh);
 }
 
@@ -464,6 +418,134 @@ static void test_cancelling(void **state)
     world_mesh_finish(&mesh);
 }
 
+static bool has_ended(void *context)
+{
+    const struct counters counters = world_counters(context);
+    return counters.builds_running == 0 && counters.memory_promised == 0;
+}
+
+/* An update that was cancelled after it had begun has not failed. */
+static void test_cancelled_refits_are_counted(void **state)
+{
+    (void)state;
+    struct world_client *client = world_join(&world);
+    struct world_mesh mesh;
+    updatable_mesh(&mesh, 100);
+    struct key source = update_build(client, &mesh.input);
+    const struct build_input update = update_of(&mesh.input);
+    world_hold_builds(&world);
+    uint64_t request = update_ask(client, &update, &source);
+    world_await_state(client, request, 0, ITEM_JOINED);
+    struct world_gate *gates[] = {world_shut(&world), world_shut(&world)};
+    world_release_builds(&world);
+    world_iterate(&world);
+    assert_int_equal(world_counters(&world).builds_running, 1);
+    assert_int_equal(world_cancel(client, request, NULL, 0), BVHD_OK);
+    world_open(gates[0]);
+    world_open(gates[1]);
+    world_await(&world, has_ended, &world);
+    const struct counters counters = world_counters(&world);
+    assert_int_equal(counters.refits_started, 1);
+    assert_int_equal(counters.refits_cancelled, 1);
+    assert_int_equal(counters.refits_done + counters.refits_failed, 0);
+    world_mesh_finish(&mesh);
+}
+
+/* ---- shortages ---- */
+
+enum { LARGE = 20000 };
+
+/* Updates that wait for memory, of which a block leaves them half of what they need. */
+struct squeeze {
+    struct world_client *client;
+    struct world_mesh mesh;
+    struct update_made built; /* the source */
+    struct build_input update;
+    struct key source;
+    uint64_t requests[2];
+    void *block;
+};
+
+/* Finds out what an update needs, then asks for `count` of them, and for nothing else. */
+static void squeeze_init(struct squeeze *squeeze, uint32_t count)
+{
+    struct memory *memory;
+    world_restart(&world, 32 << 20);
+    memory = &world.service->memory;
+    squeeze->client = world_join(&world);
+    updatable_mesh(&squeeze->mesh, LARGE);
+    update_make(&squeeze->mesh.input, NULL, &squeeze->built);
+    squeeze->update = update_of(&squeeze->mesh.input);
+    squeeze->source = update_build(squeeze->client, &squeeze->mesh.input);
+    uint64_t request = update_ask(squeeze->client, &squeeze->update, &squeeze->source);
+    uint64_t needed = update_await(squeeze->client, request)->result->summary.peak_bytes;
+    assert_true(needed > LARGE);
+    world_await(&world, has_ended, &world);
+    world_hold_builds(&world);
+    for (uint32_t i = 0; i < count; i++) {
+        move(&squeeze->mesh, i + 1);
+        squeeze->requests[i] = update_ask(squeeze->client, &squeeze->update, &squeeze->source);
+        world_await_state(squeeze->client, squeeze->requests[i], 0, ITEM_JOINED);
+    }
+    squeeze->block = memory_alloc(memory, memory->limit - atomic_load(&memory->live) - needed / 2);
+    assert_non_null(squeeze->block);
+}
+
+/* Lets all of them run, and frees the block before the loop collects them. */
+static void squeeze_run(struct squeeze *squeeze, uint64_t count)
+{
+    struct world_gate *gates[] = {world_shut(&world), world_shut(&world)};
+    world_release_builds(&world);
+    world_iterate(&world);
+    assert_int_equal(world_counters(&world).builds_running, count);
+    world_open(gates[0]);
+    world_open(gates[1]);
+    while (world_counters(&world).jobs_running + world_counters(&world).jobs_queued > 0)
+        ;
+    memory_free(&world.service->memory, squeeze->block);
+}
+
+static void squeeze_finish(struct squeeze *squeeze)
+{
+    update_made_finish(&squeeze->built);
+    world_mesh_finish(&squeeze->mesh);
+}
+
+/* What was admitted comes to its end, with the bytes that it would have had alone. */
+static void test_a_shortage_beside_others_is_tried_again(void **state)
+{
+    (void)state;
+    struct squeeze squeeze;
+    struct update_made made;
+    squeeze_init(&squeeze, 2);
+    squeeze_run(&squeeze, 2);
+    update_make(&squeeze.update, &squeeze.built, &made);
+    assert_int_equal(update_await(squeeze.client, squeeze.requests[0])->result->error.status, BVHD_OK);
+    update_check_same(update_await(squeeze.client, squeeze.requests[1]), &made);
+    const struct counters counters = world_counters(&world);
+    assert_int_equal(counters.refits_retried, 2);
+    assert_int_equal(counters.refits_done, 3);
+    assert_int_equal(counters.refits_started, 5);
+    assert_int_equal(counters.refits_failed + counters.builds_retried, 0);
+    update_made_finish(&made);
+    squeeze_finish(&squeeze);
+}
+
+static void test_a_shortage_alone_is_an_error(void **state)
+{
+    (void)state;
+    struct squeeze squeeze;
+    squeeze_init(&squeeze, 1);
+    squeeze_run(&squeeze, 1);
+    assert_int_equal(update_await(squeeze.client, squeeze.requests[0])->result->error.status, BVHD_NO_MEMORY);
+    const struct counters counters = world_counters(&world);
+    assert_int_equal(counters.refits_retried, 0);
+    assert_int_equal(counters.refits_failed, 1);
+    uint64_t again = update_ask(squeeze.client, &squeeze.update, &squeeze.source);
+    assert_int_equal(update_await(squeeze.client, again)->result->error.status, BVHD_OK);
+    squeeze_finish(&squeeze);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -480,6 +562,9 @@ int main(void)
         cmocka_unit_test_setup_teardown(test_handles, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_equal_updates_are_made_once, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_cancelling, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(test_cancelled_refits_are_counted, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(test_a_shortage_beside_others_is_tried_again, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(test_a_shortage_alone_is_an_error, set_up, tear_down),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
