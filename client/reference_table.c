@@ -78,31 +78,33 @@ static enum bvhd_status take_given(struct reference_table *table, struct bvhd_er
     return BVHD_OK;
 }
 
-/* Takes what an info builds, instead of the reference that it updates in place or behind all others. */
-static enum bvhd_status take_built(struct reference_table *table, uint32_t info, struct bvhd_error *error)
+/*
+ * Takes what an info builds, instead of the reference that it updates in place or behind all others. A reference that
+ * an info builds over is none any more: whoever names it breaks a rule between infos.
+ */
+static void take_built(struct reference_table *table, uint32_t info)
 {
     const VkAccelerationStructureBuildGeometryInfoKHR *built = &table->build->infos[info];
     uint32_t at = handle_find(table->handles, table->given, destination_of(built)), number = table->count;
     if (at != HANDLE_NONE) {
         number = table->handles[at].number;
-        if (!is_update_in_place(built))
-            return bvhd_error_set(error, BVHD_INVALID, place("build.references[%u].handle", number).text,
-                                  "0x%" PRIx64 " is the dstAccelerationStructure of infos[%u], too",
-                                  destination_of(built), info);
+        if (!is_update_in_place(built)) {
+            table->references[number].handle = 0;
+            return;
+        }
     }
     if (!is_nameable(built))
-        return BVHD_OK;
+        return;
     table->references[number] = (struct reference){.kind = REFERENCE_BLAS, .handle = destination_of(built)};
     table->infos[number] = info;
     table->count += at == HANDLE_NONE;
-    return BVHD_OK;
 }
 
 static enum bvhd_status fill(struct reference_table *table, struct bvhd_error *error)
 {
     enum bvhd_status status = take_given(table, error);
     for (uint32_t i = 0; status == BVHD_OK && i < table->build->info_count; i++)
-        status = take_built(table, i, error);
+        take_built(table, i);
     if (status == BVHD_OK)
         sort_handles(table);
     return status;

@@ -3,6 +3,7 @@
  * reference_table.h - the structures that the instances of one call may name: those of build.references, then the
  * bottom levels that the call itself builds, by their destinations. It also has the keys of sources: an update names
  * what it updates by a handle of build.references. After an update in place that handle stands for the new structure.
+ * A reference into whose structure an info builds otherwise has the handle 0 in the table, so that nothing finds it.
  */
 #ifndef BVHD_REFERENCE_TABLE_H
 #define BVHD_REFERENCE_TABLE_H
@@ -27,10 +28,9 @@ struct reference_table {
 
 /*
  * Checks build->references and makes the table, which reference_table_finish frees. The build must outlive it. Returns
- * BVHD_INVALID, with a place such as "build.references[3].handle", for a handle that is 0, given twice or the
- * destination of an info that does not update it in place, for bounds or slabs that are not finite, and for a reference
- * that has neither bounds nor a key; or BVHD_NO_MEMORY. The place of a table that could not be made for lack of memory
- * is "batch".
+ * BVHD_INVALID, with a place such as "build.references[3].handle", for a handle that is 0 or given twice, for bounds or
+ * slabs that are not finite, and for a reference that has neither bounds nor a key; or BVHD_NO_MEMORY. The place of a
+ * table that could not be made for lack of memory is "batch".
  */
 enum bvhd_status reference_table_make(const struct bvhd_build *build, struct memory *memory,
                                       struct reference_table *ret_table, struct bvhd_error *error);

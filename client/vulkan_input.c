@@ -360,14 +360,14 @@ static enum bvhd_status mark_named(const struct input_entry *entry, const struct
         if (handle == last)
             continue;
         last = handle;
-        uint32_t at = handle_find(call->known, call->reference_count, handle);
+        uint32_t at = handle ? handle_find(call->known, call->reference_count, handle) : HANDLE_NONE;
         if (at != HANDLE_NONE)
             marks[call->known[at].number] = 1;
         else if (handle != 0 && is_built_elsewhere(entry, handle))
             return bvhd_error_rule(
                 entry->error, BVHD_VUID_03407,
                 place("infos[%u].geometries[0].instances[%u].accelerationStructureReference", entry->index, i).text,
-                "another entry of this call builds this structure, and is no bottom level");
+                "another entry of this call builds into this structure");
     }
     return BVHD_OK;
 }

@@ -21,7 +21,7 @@ static enum bvhd_status check_mode(const struct build_input *input, uint32_t ind
         return bvhd_error_rule(error, BVHD_VUID_04630, place("infos[%u].srcAccelerationStructure", index).text,
                                "srcAccelerationStructure is NULL, but the mode is UPDATE");
     if (key_is_zero(&input->source_key))
-        return bvhd_error_rule(error, BVHD_VUID_03667, place("infos[%u].srcAccelerationStructure", index).text,
+        return bvhd_error_rule(error, BVHD_VUID_04629, place("infos[%u].srcAccelerationStructure", index).text,
                                "srcAccelerationStructure names no structure whose key is known");
     return BVHD_OK;
 }

@@ -322,8 +322,8 @@ struct bvhd_build {
  * A top level may name bottom levels of the same call: its instances have the handle that is the bottom level's
  * dstAccelerationStructure, any number but 0. The library requests the top level when these bottom levels have their
  * results. (Vulkan's rule 03407, which forbids that within one vkBuildAccelerationStructuresKHR, holds for all other
- * structures.) The bytes are those of two calls. If such a bottom level fails or is cancelled, the top level fails with
- * the same status and a text that names both.
+ * structures, and for a handle that build.references has, too.) The bytes are those of two calls. If such a bottom
+ * level fails or is cancelled, the top level fails with the same status and a text that names both.
  *
  * A reference without bounds is looked up by its key. If that fails, every info whose instances name the reference
  * fails with that status and the place "build.references[3].key": BVHD_NOT_FOUND if the service does not have the

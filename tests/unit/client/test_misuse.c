@@ -318,10 +318,9 @@ static void builds(void)
     BUILD(world.references[1].handle = 0, 0, BVHD_INVALID, "build.references[1].handle", "the handle is 0");
     BUILD(world.references[2].handle = 21, 0, BVHD_INVALID, "build.references[2].handle",
           "0x15 is the handle of references[0], too");
-    BUILD(world.references[2].handle = 12, 0, BVHD_INVALID, "build.references[2].handle",
-          "0xc is the dstAccelerationStructure of infos[1], too");
-    BUILD(world.references[2].handle = 13, 0, BVHD_INVALID, "build.references[2].handle",
-          "0xd is the dstAccelerationStructure of infos[2], too");
+    BUILD(world.references[2].handle = 12, 2, BVHD_INVALID,
+          "infos[2].geometries[0].instances[1].accelerationStructureReference",
+          "another entry of this call builds into this structure");
     BUILD(memset(world.references[0].bounds, 0, 24), 0, BVHD_INVALID, "build.references[0].bounds",
           "the bounds are all 0, and there is no key");
     BUILD(world.references[0].bounds[4] = INFINITY, 0, BVHD_INVALID, "build.references[0].bounds", "not finite");

@@ -165,7 +165,7 @@ static const struct wrong entries[] = {
     FOREIGN(triangles, cluster_flag, "infos[3].flags"),
     WRONG(triangles, unknown_mode, CALL "mode-04628", "infos[3].mode"),
     WRONG(triangles, update_without_source, CALL "pInfos-04630", "infos[3].srcAccelerationStructure"),
-    WRONG(triangles, update, CALL "pInfos-03667", "infos[3].srcAccelerationStructure"),
+    WRONG(triangles, update, CALL "srcAccelerationStructure-04629", "infos[3].srcAccelerationStructure"),
     WRONG(triangles, unknown_quality, "", "infos[3].options.quality"),
     WRONG(triangles, negative_rays, "", "infos[3].options.raysPerPrimitive"),
     WRONG(instances, infinite_rays, "", "infos[3].options.raysPerPrimitive"),

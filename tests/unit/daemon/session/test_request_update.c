@@ -193,7 +193,7 @@ static void test_lost_sources(void **state)
     const struct build_input update = update_of(&mesh.input);
     struct key unknown = key_of_number(1), none = key_of_number(0), source = update_build(client, &mesh.input);
     expect_lost(update_await(client, update_ask(client, &update, &unknown)), &unknown);
-    update_expect(update_await(client, update_ask(client, &update, &none)), BVHD_INVALID, BVHD_VUID_03667,
+    update_expect(update_await(client, update_ask(client, &update, &none)), BVHD_INVALID, BVHD_VUID_04629,
                   "infos[0].srcAccelerationStructure");
     cache_clear(world.service->cache);
     expect_lost(update_await(client, update_ask(client, &update, &source)), &source);
@@ -219,7 +219,7 @@ static void test_sources_are_held(void **state)
     world_open(gates[0]);
     world_open(gates[1]);
     assert_int_equal(update_await(client, request)->result->error.status, BVHD_OK);
-    update_expect(update_await(client, late), BVHD_INVALID, BVHD_VUID_03667, "infos[0].srcAccelerationStructure");
+    update_expect(update_await(client, late), BVHD_INVALID, BVHD_VUID_04629, "infos[0].srcAccelerationStructure");
     world_mesh_finish(&mesh);
 }
 
