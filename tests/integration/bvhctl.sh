@@ -8,9 +8,9 @@ set -u
 make_scene=$(realpath "$1")
 bvhctl=$(realpath "$2")
 interrupts=$(realpath "$3")
-scratch=$(mktemp -d)
-trap 'rm -rf "$scratch"' EXIT
-cd "$scratch" || exit 1
+# shellcheck source=tests/support/scratch.sh
+. "$(dirname "$0")/../support/scratch.sh"
+
 newest()
 {
     find "$1" -type f -newer "$2"

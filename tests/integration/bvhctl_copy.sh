@@ -8,9 +8,8 @@ set -u
 make_scene=$(realpath "$1")
 make_probe=$(realpath "$2")
 bvhctl=$(realpath "$3")
-scratch=$(mktemp -d)
-trap 'rm -rf "$scratch"' EXIT
-cd "$scratch" || exit 1
+# shellcheck source=tests/support/scratch.sh
+. "$(dirname "$0")/../support/scratch.sh"
 
 # has TEXT - checks that the last run printed TEXT to stdout.
 has()

@@ -9,9 +9,8 @@ set -u
 make_scene=$(realpath "$1")
 make_probe=$(realpath "$2")
 bvhctl=$(realpath "$3")
-scratch=$(mktemp -d)
-trap 'rm -rf "$scratch"' EXIT
-cd "$scratch" || exit 1
+# shellcheck source=tests/support/scratch.sh
+. "$(dirname "$0")/../support/scratch.sh"
 
 # mesh NAME HEIGHT - prints a mesh of an OBJ file, a quad whose third corner has that height.
 mesh()

@@ -10,17 +10,9 @@ make_scene=$(realpath "$1")
 make_probe=$(realpath "$2")
 bvhctl=$(realpath "$3")
 bvhd=$(realpath "$4")
-scratch=$(mktemp -d)
-daemon=
-cleanup()
-{
-    [ -z "$daemon" ] || kill -9 "$daemon" 2>/dev/null
-    rm -rf "$scratch"
-}
-trap cleanup EXIT
-trap 'exit 1' HUP INT TERM
-cd "$scratch" || exit 1
-unset BVHD_SOCKET NOTIFY_SOCKET
+# shellcheck source=tests/support/scratch.sh
+. "$(dirname "$0")/../support/scratch.sh"
+
 keys()
 {
     sed -n 's/^ *"key": "\([0-9a-f]*\)".*/\1/p' "$1/manifest.json"

@@ -10,11 +10,9 @@ make_scene=$(realpath "$1")
 make_probe=$(realpath "$2")
 bvhctl=$(realpath "$3")
 bvhd=$(realpath "$4")
-scratch=$(mktemp -d)
-daemon=
-trap '[ -z "$daemon" ] || kill "$daemon"; rm -rf "$scratch"' EXIT
-trap 'exit 1' HUP INT TERM
-cd "$scratch" || exit 1
+# shellcheck source=tests/support/scratch.sh
+. "$(dirname "$0")/../support/scratch.sh"
+
 export BVHD_SOCKET="$scratch/s"
 
 # has TEXT - checks that the last run printed TEXT to stdout.

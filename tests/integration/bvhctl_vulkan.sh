@@ -9,11 +9,9 @@ set -u
 make_scene=$(realpath "$1")
 make_probe=$(realpath "$2")
 bvhctl=$(realpath "$3")
-scratch=$(mktemp -d)
-trap 'rm -rf "$scratch"' EXIT
-trap 'exit 1' HUP INT TERM
-cd "$scratch" || exit 1
-unset BVHD_SOCKET
+# shellcheck source=tests/support/scratch.sh
+. "$(dirname "$0")/../support/scratch.sh"
+
 # prints TEXT - expects the text on stdout.
 prints()
 {

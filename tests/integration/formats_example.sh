@@ -8,9 +8,8 @@ export LC_ALL=C
 . "$(dirname "$0")/../support/expect.sh"
 formats=$(realpath "$1")
 bvhctl=$(realpath "$2")
-scratch=$(mktemp -d)
-trap 'rm -rf "$scratch"' EXIT
-cd "$scratch" || exit 1
+# shellcheck source=tests/support/scratch.sh
+. "$(dirname "$0")/../support/scratch.sh"
 
 sed -n '/^## 8/,$p' "$formats" >section
 awk '/^```/ { inside = /^```ply/; next } inside' section >triangle.ply

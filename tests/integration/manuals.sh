@@ -11,9 +11,8 @@ export LC_ALL=C
 source=$(realpath "$1")
 bvhd=$(realpath "$2")
 bvhctl=$(realpath "$3")
-scratch=$(mktemp -d)
-trap 'rm -rf "$scratch"' EXIT
-cd "$scratch" || exit 1
+# shellcheck source=tests/support/scratch.sh
+. "$(dirname "$0")/../support/scratch.sh"
 
 # options FILE... - prints the long options that the files name, one a line.
 options()

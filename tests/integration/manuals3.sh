@@ -9,9 +9,8 @@ export LC_ALL=C
 . "$(dirname "$0")/../support/expect.sh"
 source=$(realpath "$1")
 pages=$(realpath "$2")
-scratch=$(mktemp -d)
-trap 'rm -rf "$scratch"' EXIT
-cd "$scratch" || exit 1
+# shellcheck source=tests/support/scratch.sh
+. "$(dirname "$0")/../support/scratch.sh"
 
 # missing - prints the names of standard input that have no page.
 missing()

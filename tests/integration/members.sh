@@ -12,10 +12,9 @@ make_probe=$(realpath "$3")
 bvhctl=$(realpath "$4")
 bvhd=$(realpath "$5")
 here=$(realpath "$(dirname "$0")")
-scratch=$(mktemp -d)
-daemon=
-trap '[ -z "$daemon" ] || kill "$daemon"; rm -rf "$scratch"' EXIT
-cd "$scratch" || exit 1
+# shellcheck source=tests/support/scratch.sh
+. "$(dirname "$0")/../support/scratch.sh"
+
 mkdir printed
 
 # printed COMMAND ARGUMENT... - keeps the output of bvhctl with these arguments as one of that command, whatever its

@@ -10,10 +10,8 @@ export LC_ALL=C
 source=$(realpath "$1")
 shift
 compiler=$*
-scratch=$(mktemp -d)
-trap 'rm -rf "$scratch"' EXIT
-trap 'exit 1' HUP INT TERM
-cd "$scratch" || exit 1
+# shellcheck source=tests/support/scratch.sh
+. "$(dirname "$0")/../support/scratch.sh"
 
 mkdir known subprojects
 for name in libprotobuf-c vulkan; do

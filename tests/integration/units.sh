@@ -11,10 +11,8 @@ build=$(realpath "$1")
 for tool in systemd-analyze systemd-sysusers systemd-tmpfiles; do
     command -v $tool >/dev/null || { echo "there is no $tool"; exit 77; }
 done
-scratch=$(mktemp -d)
-trap 'rm -rf "$scratch"' EXIT
-trap 'exit 1' HUP INT TERM
-cd "$scratch" || exit 1
+# shellcheck source=tests/support/scratch.sh
+. "$(dirname "$0")/../support/scratch.sh"
 
 # silent COMMAND... - succeeds if the command succeeds and prints nothing.
 silent()

@@ -1,24 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 # shellcheck shell=sh disable=SC2034 # the script that sources this uses the variables
 # installed.sh - the start of shell tests of the installed library, which source it with their arguments SOURCE BUILD
-# COMPILER... It sets $source, $build and $compiler, makes and enters the folder $scratch, and at the end of the test
-# removes it and stops the process $daemon, if any.
+# COMPILER... It sets $source, $build and $compiler, and enters a folder by scratch.sh.
 export LC_ALL=C
 source=$(realpath "$1")
 build=$(realpath "$2")
 shift 2
 compiler=$*
-scratch=$(mktemp -d)
-daemon=
-cleanup()
-{
-    [ -z "$daemon" ] || kill "$daemon" 2>/dev/null
-    rm -rf "$scratch"
-}
-trap cleanup EXIT
-trap 'exit 1' HUP INT TERM
-cd "$scratch" || exit 1
-unset BVHD_SOCKET XDG_RUNTIME_DIR PKG_CONFIG_SYSROOT_DIR
+# shellcheck source=tests/support/scratch.sh
+. "$(dirname "$0")/../support/scratch.sh"
+unset XDG_RUNTIME_DIR PKG_CONFIG_SYSROOT_DIR
 
 # install_library - installs the build below $scratch/stage, and sets $config to its file for pkg-config and $prefix to
 # its prefix there.
