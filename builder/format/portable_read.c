@@ -50,6 +50,8 @@ static enum bvhd_status check_counts(const struct portable_reader *r)
         return corrupt(r, "body.recordCount", "records without nodes, or nodes without records");
     if (h->vertex_count != 0 && h->content != PORTABLE_INDEXED_TRIANGLES)
         return corrupt(r, "body.vertexCount", "this content has no vertices");
+    if (h->vertex_count != 0 && h->record_count == 0)
+        return corrupt(r, "body.vertexCount", "vertices without triangles");
     if (h->geometry_count != 0 && instances)
         return corrupt(r, "body.geometryCount", "a top level has no geometries");
     if (r->view.handle_count != 0 && !instances)

@@ -44,7 +44,7 @@ static const struct {
     {EMPTY, TARGET_LAVAPIPE, 0, LAVAPIPE_PLAIN},
 };
 
-enum { KINDS = sizeof kinds / sizeof kinds[0], BOXES_KIND = 3 };
+enum { KINDS = sizeof kinds / sizeof kinds[0], INDEXED_KIND = 0, BOXES_KIND = 3 };
 
 /* What is made of each kind before the first input, and kept. */
 struct sound {
@@ -334,18 +334,37 @@ static void skip_record(uint8_t *blob)
     memcpy(blob + body + sizeof(struct portable_header), &node, sizeof node);
 }
 
+/* Takes the tree and the records of a portable structure of triangles away, and leaves its vertices. */
+static void drop_tree(uint8_t *blob)
+{
+    const uint64_t body = bytes_align(SERIALIZED_HANDLES, PORTABLE_BODY_ALIGNMENT);
+    struct portable_header header;
+    memcpy(&header, blob + body, sizeof header);
+    header.node_count = header.record_count = header.depth = 0;
+    header.bounds[0] = 1;
+    header.bounds[3] = 0;
+    memcpy(blob + body, &header, sizeof header);
+}
+
 /*
  * Samples are each kind with its own record and structure: as they are, with a record that cannot be lost, and with
- * sizes that are repaired, too. In the last one no leaf holds the first record.
+ * sizes that are repaired, too. In the last two, no leaf holds the first record, and there are vertices without a tree.
  */
 size_t fuzz_sample(uint32_t index, uint8_t *ret_bytes)
 {
     static const uint8_t choices[] = {0, CHOICE_RECORD, CHOICE_RECORD | CHOICE_REPAIR};
-    const bool is_last = index == sizeof choices * KINDS;
-    if (is_last)
-        index = BOXES_KIND;
-    else if (index > sizeof choices * KINDS)
-        return 0;
+    static const struct {
+        uint32_t kind;
+        void (*change)(uint8_t *blob);
+    } changed[] = {{BOXES_KIND, skip_record}, {INDEXED_KIND, drop_tree}};
+    void (*change)(uint8_t * blob) = NULL;
+    if (index >= sizeof choices * KINDS) {
+        const size_t which = index - sizeof choices * KINDS;
+        if (which >= sizeof changed / sizeof *changed)
+            return 0;
+        index = changed[which].kind;
+        change = changed[which].change;
+    }
     const struct sound *sound = sound_of(index % KINDS);
     const struct bytes record = sound->record.bytes, blob = sound->blob;
     FUZZ_CHECK(HEAD + record.size + blob.size <= FUZZ_ROOM);
@@ -355,7 +374,7 @@ size_t fuzz_sample(uint32_t index, uint8_t *ret_bytes)
     memcpy(ret_bytes + 2, &record_size, sizeof record_size);
     memcpy(ret_bytes + HEAD, record.data, record.size);
     memcpy(ret_bytes + HEAD + record.size, blob.data, blob.size);
-    if (is_last)
-        skip_record(ret_bytes + HEAD + record.size);
+    if (change)
+        change(ret_bytes + HEAD + record.size);
     return HEAD + record.size + blob.size;
 }

@@ -127,6 +127,20 @@ static void headers_are_checked(void **state)
     free(s.blob);
 }
 
+/* A refit would have to fill vertices that no triangle names, and has nothing to fill them with. */
+static void vertices_need_triangles(void **state)
+{
+    (void)state;
+    struct subject s = subject_make(&triangles, 0);
+    struct portable_header *h = s.header;
+    h->depth = h->node_count = h->record_count = 0;
+    expect(&s, BVHD_CORRUPT, "body.vertexCount");
+    h->vertex_count = 0;
+    h->bounds[0] = h->bounds[3] + 1;
+    expect(&s, BVHD_OK, "");
+    free(s.blob);
+}
+
 static void nodes_are_checked(void **state)
 {
     (void)state;
@@ -281,10 +295,11 @@ static void geometries_are_found(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(headers_are_checked),         cmocka_unit_test(nodes_are_checked),
-        cmocka_unit_test(children_have_one_parent),    cmocka_unit_test(records_are_checked),
-        cmocka_unit_test(every_truncation_is_refused), cmocka_unit_test(more_bytes_are_refused),
-        cmocka_unit_test(no_memory_is_said),           cmocka_unit_test(geometries_are_found),
+        cmocka_unit_test(headers_are_checked),    cmocka_unit_test(vertices_need_triangles),
+        cmocka_unit_test(nodes_are_checked),      cmocka_unit_test(children_have_one_parent),
+        cmocka_unit_test(records_are_checked),    cmocka_unit_test(every_truncation_is_refused),
+        cmocka_unit_test(more_bytes_are_refused), cmocka_unit_test(no_memory_is_said),
+        cmocka_unit_test(geometries_are_found),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
