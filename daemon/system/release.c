@@ -2,15 +2,18 @@
 #include "daemon/system/release.h"
 
 #include <assert.h>
+#include <errno.h>
 #include <fcntl.h>
 #include <pthread.h>
 #include <stdbool.h>
 #include <stdlib.h>
 #include <sys/mman.h>
 #include <sys/stat.h>
+#include <time.h>
 #include <unistd.h>
 
 #include "daemon/system/detached.h"
+#include "proto/base/clock.h"
 
 /* A queued call of munmap or close. */
 struct release {
@@ -21,20 +24,35 @@ struct release {
     struct descriptor_share *share; /* NULL: the descriptor is charged to nobody */
 };
 
-/* A queue, and the threads that work on it. They end when the queue is empty. */
+/* Queued calls in their order. */
+struct release_list {
+    struct release *first, *last;
+};
+
+/* A list that threads work on. They end when it has been empty for a while. */
 struct release_queue {
     pthread_mutex_t mutex;
-    struct release *first, *last;
+    pthread_cond_t filled;
+    struct release_list list;
     unsigned threads, most_threads;
+    unsigned waiting; /* threads that wait for an entry */
+    unsigned idle_ms; /* how long they wait */
 };
 
 /*
  * Both are global, because mappings and descriptors belong to the process. `own` is for mappings and memfds, which take
- * a while to release but come to an end. `foreign` is for other descriptors of clients: close() of one of these may
- * never return, so it must not be queued ahead of the former.
+ * a while to release but come to an end; its thread waits for more, because starting one takes longer than waking it.
+ * `foreign` is for other descriptors of clients: close() of one of these may never return, so it must not be queued
+ * ahead of the former.
  */
-static struct release_queue own = {.mutex = PTHREAD_MUTEX_INITIALIZER, .most_threads = 1};
-static struct release_queue foreign = {.mutex = PTHREAD_MUTEX_INITIALIZER, .most_threads = RELEASE_FOREIGN_THREADS};
+static struct release_queue own = {
+    .mutex = PTHREAD_MUTEX_INITIALIZER, .filled = PTHREAD_COND_INITIALIZER, .most_threads = 1, .idle_ms = 500};
+static struct release_queue foreign = {
+    .mutex = PTHREAD_MUTEX_INITIALIZER, .filled = PTHREAD_COND_INITIALIZER, .most_threads = RELEASE_FOREIGN_THREADS};
+
+/* Of a thread that calls release_flush: what it has released since. */
+static _Thread_local bool is_flushing;
+static _Thread_local struct release_list unflushed;
 
 /* Entries for times without memory, so that descriptors are closed then, too. The free ones are in a list. */
 enum { SPARES = 256 };
@@ -80,13 +98,36 @@ static void carry_out(const struct release *release)
     }
 }
 
-/* Returns NULL when the queue is empty; the calling thread is then no longer counted, and has to end. */
+static void append(struct release_list *list, struct release_list *more)
+{
+    if (list->first)
+        list->last->next = more->first;
+    else
+        list->first = more->first;
+    list->last = more->last;
+}
+
+/* Waits a while for an entry. Called with the mutex. */
+static void await_entry(struct release_queue *queue)
+{
+    uint64_t until_ns = clock_ns() + queue->idle_ms * UINT64_C(1000000);
+    const struct timespec until = {(time_t)(until_ns / 1000000000), (long)(until_ns % 1000000000)};
+    queue->waiting++;
+    while (!queue->list.first)
+        if (pthread_cond_clockwait(&queue->filled, &queue->mutex, CLOCK_MONOTONIC, &until) == ETIMEDOUT)
+            break;
+    queue->waiting--;
+}
+
+/* Returns NULL when the queue stays empty; the calling thread is then no longer counted, and has to end. */
 static struct release *take_first(struct release_queue *queue)
 {
     pthread_mutex_lock(&queue->mutex);
-    struct release *release = queue->first;
+    if (!queue->list.first && queue->idle_ms > 0)
+        await_entry(queue);
+    struct release *release = queue->list.first;
     if (release)
-        queue->first = release->next;
+        queue->list.first = release->next;
     else
         queue->threads--;
     pthread_mutex_unlock(&queue->mutex);
@@ -103,26 +144,27 @@ static void *work(void *context)
     return NULL;
 }
 
-/* Returns true when the caller has to start one more thread, which is counted already. */
-static bool append(struct release_queue *queue, struct release *release)
+/*
+ * Queues what is on the list. When no thread can be started, the entries stay in the queue until a running thread of
+ * this queue, or one that a later call starts, takes them.
+ */
+static void queue_all(struct release_queue *queue, struct release_list *list)
 {
     pthread_mutex_lock(&queue->mutex);
-    if (queue->first)
-        queue->last->next = release;
-    else
-        queue->first = release;
-    queue->last = release;
-    bool more = queue->threads < queue->most_threads;
+    append(&queue->list, list);
+    bool is_awaited = queue->waiting > 0, more = !is_awaited && queue->threads < queue->most_threads;
     queue->threads += more;
     pthread_mutex_unlock(&queue->mutex);
-    return more;
+    if (is_awaited)
+        pthread_cond_signal(&queue->filled);
+    if (more && !detached_start(work, queue)) {
+        pthread_mutex_lock(&queue->mutex);
+        queue->threads--;
+        pthread_mutex_unlock(&queue->mutex);
+    }
 }
 
-/*
- * Queues a copy of `release`. Returns false when there is neither memory nor a spare entry for it. When no thread can
- * be started, the entry stays in the queue until a running thread of this queue, or one that a later call starts, takes
- * it.
- */
+/* Queues a copy of `release`. Returns false when there is neither memory nor a spare entry for it. */
 static bool hand_over(struct release_queue *queue, const struct release *release)
 {
     struct release *queued = malloc(sizeof *queued);
@@ -131,12 +173,20 @@ static bool hand_over(struct release_queue *queue, const struct release *release
     if (!queued)
         return false;
     *queued = *release;
-    if (append(queue, queued) && !detached_start(work, queue)) {
-        pthread_mutex_lock(&queue->mutex);
-        queue->threads--;
-        pthread_mutex_unlock(&queue->mutex);
-    }
+    struct release_list list = {queued, queued};
+    if (is_flushing && queue == &own)
+        append(&unflushed, &list);
+    else
+        queue_all(queue, &list);
     return true;
+}
+
+void release_flush(void)
+{
+    is_flushing = true;
+    if (unflushed.first)
+        queue_all(&own, &unflushed);
+    unflushed = (struct release_list){NULL, NULL};
 }
 
 static void release_own(const struct release *release)

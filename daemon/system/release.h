@@ -14,6 +14,12 @@
 
 enum { RELEASE_LATER_MIN = 1024 * 1024 };
 
+/*
+ * For the loop, which calls it each time that it has written its replies, so that no client waits for memory to be
+ * freed. From the first call on, what the calling thread releases later is begun at its next call.
+ */
+void release_flush(void);
+
 /* Unmaps `size` bytes at `address`. */
 void release_mapping(void *address, uint64_t size);
 

@@ -44,11 +44,16 @@ static bool is_open(int descriptor)
     return fcntl(descriptor, F_GETFD) >= 0;
 }
 
+static void wait_until_left(uint32_t count)
+{
+    for (int i = 0; i < 5000 && descriptors_left(&descriptors) < count; i++)
+        usleep(1000);
+    assert_int_equal(descriptors_left(&descriptors), count);
+}
+
 static void wait_until_all_is_closed(void)
 {
-    for (int i = 0; i < 5000 && descriptors_left(&descriptors) < LIMIT; i++)
-        usleep(1000);
-    assert_int_equal(descriptors_left(&descriptors), LIMIT);
+    wait_until_left(LIMIT);
 }
 
 static void small_ones_are_released_at_once(void **state)
@@ -107,6 +112,44 @@ static void any_thread_may_release(void **state)
     assert_true(is_open(mine));
     close(mine);
     close(next);
+}
+
+enum { PUT_OFF = 3 };
+
+static void *release_one(void *context)
+{
+    (void)context;
+    release_memfd(make_file(LARGE), LARGE);
+    return NULL;
+}
+
+/* Descriptors that another thread releases later are closed earlier. */
+static void *release_and_flush(void *context)
+{
+    int files[PUT_OFF];
+    pthread_t other;
+    release_flush();
+    for (int i = 0; i < PUT_OFF; i++)
+        release_memfd(files[i] = make_file(LARGE), LARGE);
+    assert_int_equal(pthread_create(&other, NULL, release_one, NULL), 0);
+    pthread_join(other, NULL);
+    wait_until_left(LIMIT - PUT_OFF);
+    for (int i = 0; i < PUT_OFF; i++)
+        assert_true(is_open(files[i]));
+    int small = make_file(SMALL);
+    release_memfd(small, SMALL);
+    assert_false(is_open(small));
+    release_flush();
+    return context;
+}
+
+static void a_thread_may_put_off_its_releases(void **state)
+{
+    (void)state;
+    pthread_t thread;
+    assert_int_equal(pthread_create(&thread, NULL, release_and_flush, NULL), 0);
+    pthread_join(thread, NULL);
+    wait_until_all_is_closed();
 }
 
 static volatile sig_atomic_t handled_by_main;
@@ -260,6 +303,7 @@ int main(void)
         cmocka_unit_test(small_ones_are_released_at_once),
         cmocka_unit_test(large_ones_are_released_soon),
         cmocka_unit_test(any_thread_may_release),
+        cmocka_unit_test(a_thread_may_put_off_its_releases),
         cmocka_unit_test(no_signal_is_taken),
         cmocka_unit_test(descriptors_of_clients_are_closed),
         cmocka_unit_test(the_size_is_that_of_the_pages),
