@@ -164,6 +164,7 @@ static void on_group_changed(void *context)
 {
     struct server *server = context;
     watch_heap(server);
+    service_rest(server->service);
     if (server->draining && service_pending(server->service) == 0 && conn_group_is_flushed(&server->group))
         uv_stop(&server->loop);
     if (!server->draining && server->config->idle_exit_ms)

@@ -187,6 +187,11 @@ enum bvhd_status disk_read(struct disk *disk, const struct key *key, const atomi
     return end_reading(disk, status);
 }
 
+void disk_rest(struct disk *disk)
+{
+    ready_memfds_prepare(disk->ready);
+}
+
 /* ---- records ---- */
 
 /* One record that is read. */

@@ -48,6 +48,12 @@ enum bvhd_status disk_read(struct disk *disk, const struct key *key, const atomi
                            struct bvhd_error *error);
 
 /*
+ * To be called after results that were read have been sent. Prepares for the next ones, which takes a while, on a
+ * thread.
+ */
+void disk_rest(struct disk *disk);
+
+/*
  * Reads the record of a key (builder/update/record.h) into a block from `memory`. Blocks: for workers. The statuses are
  * those of disk_read; the bytes are not trusted.
  */

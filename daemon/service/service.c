@@ -7,6 +7,7 @@
 #include "builder/method.h"
 #include "daemon/system/log.h"
 #include "daemon/system/machine.h"
+#include "daemon/system/release.h"
 #include "daemon/service/service_internal.h"
 
 enum {
@@ -262,6 +263,13 @@ bool service_collect(struct service *service)
     }
     service_pump(service);
     return more;
+}
+
+void service_rest(struct service *service)
+{
+    release_flush();
+    if (service->disk)
+        disk_rest(service->disk);
 }
 
 void service_drain(struct service *service)

@@ -226,6 +226,12 @@ void ready_memfds_leave(struct ready_memfds *ready)
 {
     pthread_mutex_lock(&ready->lock);
     ready->readers--;
+    pthread_mutex_unlock(&ready->lock);
+}
+
+void ready_memfds_prepare(struct ready_memfds *ready)
+{
+    pthread_mutex_lock(&ready->lock);
     if (may_prepare(ready))
         start_preparing(ready);
     pthread_mutex_unlock(&ready->lock);

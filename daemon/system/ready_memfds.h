@@ -44,6 +44,12 @@ void ready_memfds_leave(struct ready_memfds *ready);
  */
 bool ready_memfds_take(struct ready_memfds *ready, uint64_t size, struct memfd *ret_memfd);
 
+/*
+ * Begins to prepare what is missing. It is a call of its own, so that a thread that reads, and whoever waits for it, do
+ * not compete with the preparation. Does not block.
+ */
+void ready_memfds_prepare(struct ready_memfds *ready);
+
 struct ready_load {
     uint32_t count; /* memfds that are ready */
     uint32_t wanted; /* memfds that are still to be prepared */

@@ -339,6 +339,7 @@ static void prepare(struct ready_memfds *ready, uint64_t size)
     ready_memfds_enter(ready);
     assert_false(ready_memfds_take(ready, size, &memfd));
     ready_memfds_leave(ready);
+    ready_memfds_prepare(ready);
     for (int i = 0; i < 60000 && ready_memfds_load(ready).count == 0; i++)
         usleep(1000);
     assert_int_equal(ready_memfds_load(ready).count, 1);

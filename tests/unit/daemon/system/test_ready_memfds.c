@@ -52,6 +52,7 @@ static void miss(uint64_t size, int count)
     for (int i = 0; i < count; i++)
         assert_false(ready_memfds_take(ready, size, &memfd));
     ready_memfds_leave(ready);
+    ready_memfds_prepare(ready);
 }
 
 /* Waits until all that was wanted has been prepared or dropped. */
@@ -121,6 +122,7 @@ static void the_smallest_that_serves_is_taken(void **state)
     ready_memfds_enter(ready);
     assert_false(ready_memfds_take(ready, 400000, &memfd));
     ready_memfds_leave(ready);
+    ready_memfds_prepare(ready);
     await(2, 262144 + 425984);
     ready_memfds_enter(ready);
     assert_true(ready_memfds_take(ready, 250000, &memfd));
@@ -206,6 +208,7 @@ static void *read_often(void *context)
             close(memfd.descriptor);
         }
         ready_memfds_leave(ready);
+        ready_memfds_prepare(ready);
     }
     return NULL;
 }
