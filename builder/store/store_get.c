@@ -10,6 +10,12 @@
 
 #include "builder/store/entry_header.h"
 
+/*
+ * Bytes of the first piece. It is short, because its bytes of the result are copied once more than those of the others.
+ */
+enum { HEAD = 8192 };
+_Static_assert((int)HEAD >= (int)ENTRY_HEAD_MAX, "the first piece has the whole header");
+
 /* A file that is being read. */
 struct reading {
     struct store *store;
@@ -134,7 +140,7 @@ static enum bvhd_status read_entry(struct reading *reading, const struct key *ke
     reading->piece = memory_alloc(reading->store->memory, STORE_PIECE);
     if (!reading->piece)
         return bvhd_error_no_memory(error, reading->name, "no memory to read the cache on disk");
-    enum bvhd_status status = read_piece(reading, 0, smaller(STORE_PIECE, size), reading->piece, &head, error);
+    enum bvhd_status status = read_piece(reading, 0, smaller(HEAD, size), reading->piece, &head, error);
     if (status == BVHD_OK)
         status = entry_header_read((struct bytes){reading->piece, head}, size, key, &entry, error);
     if (status != BVHD_OK)
