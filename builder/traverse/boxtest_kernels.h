@@ -222,28 +222,34 @@ BOXTEST_AVX2_INLINE unsigned kernel_avx2_slots(const struct boxtest_ray *ray, co
     return (unsigned)_mm256_movemask_ps(_mm256_cmp_ps(_mm256_castsi256_ps(near), _mm256_castsi256_ps(far), _CMP_LE_OQ));
 }
 
-/* The reciprocals of a direction, made smaller and larger by more than the error of a distance. */
+/*
+ * A ray for tests of unpacked nodes: the reciprocals of its direction, made smaller and larger by more than the error
+ * of a distance; and where in a node the planes are at which it enters and leaves boxes, so that no test branches on
+ * the signs of the direction, which differ from ray to ray.
+ */
 struct boxtest_scales {
     _Alignas(16) float inner[4], outer[4];
+    _Alignas(16) uint32_t near_at[4], far_at[4]; /* offsets in bytes */
 };
 
 /* Returns the reciprocals for a ray's tests of unpacked nodes. */
 BOXTEST_AVX2_INLINE struct boxtest_scales unpacked_scales(const struct boxtest_ray *ray)
 {
+    enum { ROW = sizeof(((struct unpacked_node *)NULL)->planes[0]) };
     struct boxtest_scales scales;
-    __m128 inverse = _mm_load_ps(ray->inverse);
+    const __m128 inverse = _mm_load_ps(ray->inverse);
     _mm_store_ps(scales.inner, _mm_mul_ps(inverse, _mm_set1_ps(1 - boxtest_gamma)));
     _mm_store_ps(scales.outer, _mm_mul_ps(inverse, _mm_set1_ps(1 + boxtest_gamma)));
+    const __m128i least = _mm_setr_epi32(0, ROW, 2 * ROW, 0), beyond = _mm_set1_epi32(3 * ROW);
+    const __m128i back = _mm_and_si128(_mm_srai_epi32(_mm_castps_si128(inverse), 31), beyond);
+    _mm_store_si128((__m128i *)(void *)scales.near_at, _mm_add_epi32(least, back));
+    _mm_store_si128((__m128i *)(void *)scales.far_at, _mm_add_epi32(least, _mm_sub_epi32(beyond, back)));
     return scales;
 }
 
-/* Computes where a ray meets the eight planes at an offset in the node, plus a slack. */
-BOXTEST_AVX2_INLINE __m256i unpacked_distance(const struct boxtest_ray *ray, const struct unpacked_node *node, int axis,
-                                              uint32_t planes, const float scales[4], float slack)
+BOXTEST_AVX2_INLINE __m256 unpacked_planes_at(const struct unpacked_node *node, uint32_t offset)
 {
-    __m256 plane = _mm256_loadu_ps((const float *)(const void *)((const char *)node + planes));
-    __m256 offset = _mm256_sub_ps(plane, _mm256_broadcast_ss(&ray->origin[axis]));
-    return _mm256_castps_si256(_mm256_fmadd_ps(offset, _mm256_broadcast_ss(&scales[axis]), _mm256_set1_ps(slack)));
+    return _mm256_loadu_ps((const float *)(const void *)((const char *)node + offset));
 }
 
 /*
@@ -255,11 +261,11 @@ BOXTEST_AVX2_INLINE unsigned kernel_unpacked(const struct boxtest_ray *ray, cons
 {
     __m256i near[3], far[3];
     for (int axis = 0; axis < 3; axis++) {
-        const uint32_t back = ray->backward >> axis & 1;
-        near[axis] = unpacked_distance(ray, node, axis, (back ? 3 : 0) * 32 + (uint32_t)axis * 32, scales->inner,
-                                       -ray->slack[axis]);
-        far[axis] = unpacked_distance(ray, node, axis, (back ? 0 : 3) * 32 + (uint32_t)axis * 32, scales->outer,
-                                      ray->slack[axis]);
+        const __m256 origin = _mm256_broadcast_ss(&ray->origin[axis]), slack = _mm256_broadcast_ss(&ray->slack[axis]);
+        const __m256 first = _mm256_sub_ps(unpacked_planes_at(node, scales->near_at[axis]), origin);
+        const __m256 last = _mm256_sub_ps(unpacked_planes_at(node, scales->far_at[axis]), origin);
+        near[axis] = _mm256_castps_si256(_mm256_fmsub_ps(first, _mm256_broadcast_ss(&scales->inner[axis]), slack));
+        far[axis] = _mm256_castps_si256(_mm256_fmadd_ps(last, _mm256_broadcast_ss(&scales->outer[axis]), slack));
     }
     __m256i first = _mm256_max_epi32(_mm256_max_epi32(near[0], near[1]),
                                      _mm256_max_epi32(near[2], _mm256_castps_si256(_mm256_set1_ps(ray->tmin))));

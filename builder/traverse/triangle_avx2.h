@@ -104,7 +104,7 @@ BOXTEST_AVX2_INLINE bool triangle_avx2_intersect(const struct triangle_avx2_ray 
     /* The signs of left - right; both bits are 0 where it is 0. */
     int below = _mm256_movemask_pd(_mm256_cmp_pd(left, right, _CMP_LT_OQ)) & 7;
     int above = _mm256_movemask_pd(_mm256_cmp_pd(left, right, _CMP_GT_OQ)) & 7;
-    if (below != 0 && above != 0)
+    if (((below + 7) & (above + 7) & 8) != 0) /* neither is 0; two branches would be harder to predict */
         return false;
 
     const __m256d sign = _mm256_set1_pd(-0.0);
