@@ -265,20 +265,32 @@ static bool trace_single(const struct bvhd_cpu_scene *scene, const struct bvhd_c
     return true;
 }
 
+/* Returns where the next hits of a program can be filled in their place, without a copy; else NULL. */
+static inline struct ray_hit *hits_in_place(const struct tracing *tracing)
+{
+    const bool is_array = tracing->hit_stride == sizeof(struct ray_hit) &&
+                          tracing->trace->hit_size == sizeof(struct ray_hit) &&
+                          (uintptr_t)tracing->to % _Alignof(struct ray_hit) == 0;
+    return is_array ? (struct ray_hit *)(void *)tracing->to : NULL;
+}
+
 /* Traces the next rays together. Returns false if one is not sound; those before it are traced. */
 static bool trace_some(struct tracing *tracing, struct traverse_stream *stream)
 {
     struct ray rays[TRAVERSE_GROUP];
-    struct ray_hit hits[TRAVERSE_GROUP];
+    struct ray_hit room[TRAVERSE_GROUP], *in_place = hits_in_place(tracing), *hits = in_place ? in_place : room;
     const uint64_t left = tracing->trace->ray_count - tracing->index;
     uint32_t count = 0, wanted = left < TRAVERSE_GROUP ? (uint32_t)left : TRAVERSE_GROUP;
     while (count < wanted && read_ray(tracing->trace, tracing->from + count * tracing->ray_stride, &rays[count]))
         count++;
     if (count == 0)
         return false;
-    uint64_t is_hit = traverse_group(stream, rays, count, hits);
+    const uint64_t is_hit = traverse_group(stream, rays, count, hits);
     for (uint32_t i = 0; i < count; i++)
-        write_hit(tracing->to + i * tracing->hit_stride, is_hit >> i & 1 ? &hits[i] : &miss, tracing->trace->hit_size);
+        if (!(is_hit >> i & 1))
+            hits[i] = miss;
+    for (uint32_t i = 0; !in_place && i < count; i++)
+        write_hit(tracing->to + i * tracing->hit_stride, &hits[i], tracing->trace->hit_size);
     advance(tracing, count);
     return count == wanted;
 }
