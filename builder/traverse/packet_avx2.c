@@ -59,6 +59,7 @@ BOXTEST_AVX2_INLINE struct avx2_walk *lane_walk(struct packet *packet, unsigned 
     struct avx2_walk *walk = &packet->walks[lane];
     if (!(packet->ready >> lane & 1)) {
         packet->ready |= 1u << lane;
+        packet->work.cost += COST_ALONE;
         struct traverse_state *state = &packet->states[lane].state;
         if (packet->object_to_world) {
             traverse_state_to_object(state, packet->object_to_world);
@@ -153,7 +154,7 @@ BOXTEST_AVX2_INLINE void meet_triangle(struct packet *packet, uint32_t record, u
 {
     const float *corners[3];
     const uint32_t id = traverse_corners_stored(packet->view, record, corners);
-    packet->counters.triangles += (unsigned)__builtin_popcount(lanes);
+    packet->work.counters.triangles += (unsigned)__builtin_popcount(lanes);
     for (unsigned half = 0; half < 2; half++) {
         struct packet_hits hits;
         if (!(lanes >> 4 * half & 15))
@@ -206,6 +207,13 @@ BOXTEST_AVX2_INLINE void prefetch_child(const struct packet *packet, uint32_t ch
         __builtin_prefetch((const void *)(at + 64 * line));
 }
 
+/* Counts the visit of a node by lanes. */
+BOXTEST_AVX2_INLINE void count_step(struct packet *packet, uint32_t lanes)
+{
+    packet->work.counters.nodes += (unsigned)__builtin_popcount(lanes);
+    packet->work.cost += packet->step_cost;
+}
+
 BOXTEST_AVX2 static void meet_instances(struct packet *packet, uint32_t child, uint32_t lanes);
 
 BOXTEST_AVX2_INLINE void meet(struct packet *packet, uint32_t child, uint32_t lanes, bool is_top)
@@ -238,7 +246,7 @@ BOXTEST_AVX2_INLINE void find_closest(struct packet *packet, uint32_t lanes, boo
             uint32_t near[8];
             unsigned slots = test_bundle(packet, node, near);
             uint64_t *base = top;
-            packet->counters.nodes += (unsigned)__builtin_popcount(lanes);
+            count_step(packet, lanes);
             for (; slots != 0; slots &= slots - 1) {
                 unsigned slot = (unsigned)__builtin_ctz(slots);
                 uint32_t met = test_lanes(packet, node, slot) & lanes;
@@ -286,7 +294,7 @@ BOXTEST_AVX2_INLINE void find_any(struct packet *packet, uint32_t root_lanes, bo
         const struct unpacked_node *node = &packet->nodes[index];
         uint32_t met[8], near[8];
         unsigned slots = test_bundle(packet, node, near);
-        packet->counters.nodes += (unsigned)__builtin_popcount(lanes);
+        count_step(packet, lanes);
         unsigned inner = 0;
         for (; slots != 0; slots &= slots - 1) {
             unsigned slot = (unsigned)__builtin_ctz(slots);
@@ -314,12 +322,13 @@ BOXTEST_AVX2 static void packet_walk(struct packet *packet, uint32_t lanes, bool
         find_closest(packet, lanes, false);
 }
 
-/* Adds the work of a packet to counters. */
-static void count(const struct packet *packet, struct traverse_counters *counters)
+/* Adds the work of a packet to other work. */
+static void count(const struct packet *packet, struct packet_work *work)
 {
-    counters->nodes += packet->counters.nodes;
-    counters->triangles += packet->counters.triangles;
-    counters->instances += packet->counters.instances;
+    work->counters.nodes += packet->work.counters.nodes;
+    work->counters.triangles += packet->work.counters.triangles;
+    work->counters.instances += packet->work.counters.instances;
+    work->cost += packet->work.cost;
 }
 
 /* Starts a packet in a structure. Its rays are missing. */
@@ -331,7 +340,8 @@ BOXTEST_AVX2_INLINE void packet_begin(struct packet *packet, struct traverse_wal
     packet->nodes = nodes;
     packet->record_size = view->header->content == PORTABLE_INSTANCES ? sizeof(struct portable_instance)
                                                                       : sizeof(struct portable_triangle);
-    packet->counters = (struct traverse_counters){0, 0, 0};
+    packet->step_cost = COST_STEP;
+    packet->work = (struct packet_work){.cost = 0};
     packet->ready = 0;
 }
 
@@ -359,7 +369,7 @@ BOXTEST_AVX2 static void meet_instance_alone(struct packet *packet, uint32_t row
 /* Tells the states of lanes in which instance their next hits are. */
 static void enter_instance(struct packet *packet, const struct traverse_instance *instance, uint32_t lanes)
 {
-    packet->counters.instances += (unsigned)__builtin_popcount(lanes);
+    packet->work.counters.instances += (unsigned)__builtin_popcount(lanes);
     for (; lanes != 0; lanes &= lanes - 1)
         traverse_state_settle(&packet->states[__builtin_ctz(lanes)].state, instance, false);
 }
@@ -387,7 +397,7 @@ BOXTEST_AVX2 static void meet_instance_together(struct packet *packet, const str
     }
     packet->tmax = _mm256_blendv_ps(packet->tmax, inner.tmax, lane_mask(entered));
     packet->live &= ~(entered & ~inner.live);
-    count(&inner, &packet->counters);
+    count(&inner, &packet->work);
 }
 
 BOXTEST_AVX2 static void meet_instance(struct packet *packet, uint32_t row, uint32_t lanes)
@@ -423,7 +433,7 @@ BOXTEST_AVX2 static void packet_walk_top(struct packet *packet, uint32_t lanes, 
 }
 
 BOXTEST_AVX2 uint32_t packet_avx2_trace(struct traverse_walk *states, const struct ray *const rays[LANES],
-                                        uint32_t lanes, const struct scene *scene, struct traverse_counters *counters)
+                                        uint32_t lanes, const struct scene *scene, struct packet_work *work)
 {
     const bool is_top = scene->top != NULL, is_any = rays[0]->flags & RAY_TERMINATE_ON_FIRST_HIT;
     struct packet packet;
@@ -442,20 +452,20 @@ BOXTEST_AVX2 uint32_t packet_avx2_trace(struct traverse_walk *states, const stru
         packet_triangles_init(&packet, lanes);
         packet_walk(&packet, lanes, is_any);
     }
-    count(&packet, counters);
+    count(&packet, work);
     return lanes;
 }
 
 #else
 
 uint32_t packet_avx2_trace(struct traverse_walk *states, const struct ray *const rays[8], uint32_t lanes,
-                           const struct scene *scene, struct traverse_counters *counters)
+                           const struct scene *scene, struct packet_work *work)
 {
     (void)states;
     (void)rays;
     (void)lanes;
     (void)scene;
-    (void)counters;
+    (void)work;
     return 0;
 }
 

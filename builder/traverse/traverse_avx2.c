@@ -374,8 +374,11 @@ BOXTEST_AVX2 bool avx2_walk_on_any(struct avx2_walk *walk, struct avx2_cursor *c
     uint32_t *top = cursor->any.top;
     unsigned hits;
     float near[8];
-    if (cursor->any.leaves != 0 && !meet_unpacked_leaves(walk, node, cursor->any.leaves))
-        return false;
+    for (unsigned rest = cursor->any.leaves; rest != 0; rest &= rest - 1) {
+        const uint32_t child = node->children[__builtin_ctz(rest)];
+        if (!meet(walk, child & CHILD_INDEX_MASK, (2u << (child >> CHILD_KIND_SHIFT)) - 1, false))
+            return false;
+    }
     do {
         if (top == cursor->any.stack)
             return false;

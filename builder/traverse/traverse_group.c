@@ -4,7 +4,11 @@
 /* Rays are of one kind if they have one octant, and all search any hit or all the closest. */
 enum { LANES = 8, KINDS = 16, PACKET_MIN = 3 };
 
-enum { GROUPS_TO_DECIDE = 4, GROUPS_ALONE = 32 };
+/*
+ * A decision is made after GROUPS_FIRST groups in packets, and after GROUPS_AGAIN when packets are tried again. Up to
+ * ALONE_MAX rays go alone after it, ALONE_FIRST at first.
+ */
+enum { GROUPS_FIRST = 4, GROUPS_AGAIN = 2, ALONE_FIRST = 2048, ALONE_MAX = 8192 };
 
 /* The rays of a call. */
 struct group {
@@ -34,7 +38,7 @@ static void trace_packet(struct group *group, const uint8_t *indices, unsigned c
     const struct scene *scene = stream->scene;
     struct traverse_walk states[LANES];
     const struct ray *rays[LANES];
-    struct traverse_counters together = {0, 0, 0};
+    struct packet_work work = {.cost = 0};
     for (unsigned lane = 0; lane < LANES; lane++) {
         rays[lane] = &group->rays[indices[lane < count ? lane : 0]];
         if (lane >= count)
@@ -45,20 +49,21 @@ static void trace_packet(struct group *group, const uint8_t *indices, unsigned c
         walk->avx2 = true;
         traverse_state_settle_plain(&walk->state);
     }
-    uint32_t done = packet_avx2_trace(states, rays, (1u << count) - 1, scene, &together);
-    stream->visits_together += together.nodes;
+    uint32_t done = packet_avx2_trace(states, rays, (1u << count) - 1, scene, &work);
+    stream->visits_together += work.counters.nodes;
+    stream->cost += work.cost;
     if (stream->counters) {
-        stream->counters->nodes += together.nodes;
-        stream->counters->triangles += together.triangles;
-        stream->counters->instances += together.instances;
+        stream->counters->nodes += work.counters.nodes;
+        stream->counters->triangles += work.counters.triangles;
+        stream->counters->instances += work.counters.instances;
     }
     for (unsigned lane = 0; lane < count; lane++) {
         unsigned index = indices[lane];
+        stream->cost += states[lane].state.counters.nodes / 2; /* turns would have made these cheaper */
         if (!(done >> lane & 1)) {
             trace_alone(group, index);
             continue;
         }
-        stream->visits_alone += states[lane].state.counters.nodes;
         group->is_hit |= (uint64_t)traverse_state_finish(&states[lane].state, &group->hits[index], stream->counters)
                          << index;
     }
@@ -91,16 +96,21 @@ bool traverse_groups_pay(const struct traverse_stream *stream)
 }
 
 /*
- * After some groups, decides whether the next rays go alone. Packets pay if rays visit nearly all of their nodes in
- * them: a visit costs half as much there, but a ray that goes on alone pays for both preparations.
+ * After some groups, decides whether the next rays go alone: they do if their visits in packets cost clearly more than
+ * the same visits by single rays. A small loss is better borne, since the next rays may cohere again. The longer
+ * packets have not paid, the later they are tried again.
  */
 static void decide(struct traverse_stream *stream)
 {
-    if (++stream->groups < GROUPS_TO_DECIDE)
+    if (++stream->groups < (stream->pause == 0 ? GROUPS_FIRST : GROUPS_AGAIN))
         return;
-    stream->alone = 2 * stream->visits_together < 7 * stream->visits_alone ? GROUPS_ALONE : 0;
+    if (8 * stream->visits_together >= 7 * stream->cost)
+        stream->pause = 0;
+    else if (stream->pause < ALONE_MAX)
+        stream->pause = stream->pause ? 2 * stream->pause : ALONE_FIRST;
+    stream->alone = stream->pause;
     stream->groups = 0;
-    stream->visits_together = stream->visits_alone = 0;
+    stream->visits_together = stream->cost = 0;
 }
 
 /* Traces the plain rays of each kind in packets. Returns the rays that are left. */
@@ -124,13 +134,42 @@ static uint64_t trace_packets(struct group *group, uint64_t plain)
 }
 
 /*
- * Returns whether rays that go alone are best traced in turns. In structures that the caches hold they lose a tenth by
- * that; in larger ones they gain up to a half.
+ * Returns whether rays that go alone are best traced in turns. They lose a tenth by that in structures that the caches
+ * of a core hold; in larger ones they gain up to a half. A ray that searches any hit waits twice for a node, for its
+ * leaves and for its inner children, and finds what it needs early: it gains only where nodes come from memory.
  */
-static bool turns_pay(const struct scene *scene)
+static bool turns_pay(const struct scene *scene, bool is_any)
 {
-    enum { NODES_MIN = 1 << 13 }; /* of a structure of some 6 MiB with its triangles */
-    return !scene->top && scene->bottoms[0]->header->node_count >= NODES_MIN;
+    enum { MIB = 1 << 20, CORE_CACHES = 6 * MIB, ALL_CACHES = 24 * MIB };
+    if (scene->top)
+        return false;
+    const struct portable_header *header = scene->bottoms[0]->header;
+    const uint64_t size = (uint64_t)header->node_count * sizeof(struct unpacked_node) +
+                          (uint64_t)header->record_count * sizeof(struct portable_triangle);
+    return size >= (is_any ? ALL_CACHES : CORE_CACHES);
+}
+
+/* Returns those of the rays that are best traced in turns. */
+static uint64_t choose_turns(const struct group *group, uint64_t plain)
+{
+    uint64_t closest = 0;
+    if (!turns_pay(group->stream->scene, false))
+        return 0;
+    if (turns_pay(group->stream->scene, true))
+        return plain;
+    for (uint64_t rest = plain; rest != 0; rest &= rest - 1) {
+        const unsigned index = (unsigned)__builtin_ctzll(rest);
+        closest |= (uint64_t) !(group->rays[index].flags & RAY_TERMINATE_ON_FIRST_HIT) << index;
+    }
+    return closest;
+}
+
+bool traverse_next_alone(struct traverse_stream *stream)
+{
+    if (stream->alone == 0 || turns_pay(stream->scene, false))
+        return false;
+    stream->alone--;
+    return true;
 }
 
 uint64_t traverse_group(struct traverse_stream *stream, const struct ray *rays, uint32_t count,
@@ -149,9 +188,10 @@ uint64_t traverse_group(struct traverse_stream *stream, const struct ray *rays, 
     if (stream->alone == 0)
         plain = trace_packets(&group, plain);
     else
-        stream->alone--;
-    if (turns_pay(stream->scene))
-        plain &= ~turns_avx2_trace(stream, rays, plain, ret_hits, &group.is_hit);
+        stream->alone -= count < stream->alone ? count : stream->alone;
+    const uint64_t turns = choose_turns(&group, plain);
+    if (turns != 0)
+        plain &= ~turns_avx2_trace(stream, rays, turns, ret_hits, &group.is_hit);
     trace_each(&group, left | plain);
     return group.is_hit;
 }

@@ -16,13 +16,26 @@ struct traverse_stream {
     const struct traverse_options *options; /* may be NULL */
     struct traverse_counters *counters; /* may be NULL */
     /* These are all 0 at first. */
-    uint32_t alone; /* the number of next groups whose rays are best traced alone, because packets did not pay */
-    uint32_t groups; /* since the last decision; then the nodes that their rays visited in packets, and after these */
-    uint64_t visits_together, visits_alone;
+    uint32_t alone; /* the number of next rays that are best traced alone, because packets did not pay */
+    uint32_t pause; /* how many these were at first */
+    uint32_t groups; /* since the last decision; then the visits of their rays in packets, and what these cost */
+    uint64_t visits_together, cost;
+};
+
+/* What packets did. */
+struct packet_work {
+    struct traverse_counters counters; /* what the rays did together */
+    uint64_t cost; /* in visits of nodes by single rays */
 };
 
 /* Returns whether groups can take less time than single rays. */
 bool traverse_groups_pay(const struct traverse_stream *stream);
+
+/*
+ * Returns whether the next ray is best given to traverse(), because packets did not pay for those before it. Then it
+ * counts that ray.
+ */
+bool traverse_next_alone(struct traverse_stream *stream);
 
 /*
  * Traces up to TRAVERSE_GROUP rays as traverse() does each of them. Returns bit i if ray i hits; then ret_hits[i] is
@@ -33,10 +46,10 @@ uint64_t traverse_group(struct traverse_stream *stream, const struct ray *rays, 
 
 /*
  * Traces a packet (packet_avx2.c): the lanes' rays, all plain, of one octant and one kind. Returns the lanes done,
- * and adds to the counters what they did together.
+ * and adds to the work.
  */
 uint32_t packet_avx2_trace(struct traverse_walk *states, const struct ray *const rays[8], uint32_t lanes,
-                           const struct scene *scene, struct traverse_counters *counters);
+                           const struct scene *scene, struct packet_work *work);
 
 /*
  * Traces rays alone, but some at a time in turns (turns_avx2.c): those of `which`, all plain, in a scene of one

@@ -320,7 +320,8 @@ __attribute__((noinline)) static uint64_t trace_all(const struct bvhd_cpu_scene 
     const bool are_many = trace->ray_count > 1 && scene->target == &cpu_portable && traverse_groups_pay(&stream);
     bool is_sound = true;
     while (is_sound && tracing.index < trace->ray_count)
-        is_sound = are_many ? trace_some(&tracing, &stream) : trace_one(scene, &tracing, &options, counters);
+        is_sound = are_many && !traverse_next_alone(&stream) ? trace_some(&tracing, &stream)
+                                                             : trace_one(scene, &tracing, &options, counters);
     return tracing.index;
 }
 

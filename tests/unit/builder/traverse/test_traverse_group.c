@@ -241,6 +241,7 @@ static int compare(const struct bed *bed, const struct ray rays[RAYS], uint32_t 
     for (uint32_t begin = 0; begin < RAYS; begin += group_size) {
         struct ray_hit hits[TRAVERSE_GROUP], in_turns[TRAVERSE_GROUP], expected, alone;
         uint32_t count = RAYS - begin < group_size ? RAYS - begin : group_size;
+        stream.alone = begin / group_size % 4 == 3 ? count : 0; /* most groups go in packets, whatever was decided */
         uint64_t is_hit = traverse_group(&stream, rays + begin, count, hits), turns_hit;
         const uint64_t turns = trace_in_turns(&stream, rays + begin, count, in_turns, &turns_hit);
         for (uint32_t i = 0; i < count; i++) {
@@ -371,6 +372,55 @@ static void any_number_of_rays_has_the_answers_of_single_rays(void **state)
     }
 }
 
+/* Returns after how many of the rays, group by group, the next ones are to go alone; RAYS if never. */
+static uint32_t rays_until_alone(const struct bed *bed, const struct ray rays[RAYS], struct traverse_stream *ret_stream)
+{
+    struct ray_hit hits[TRAVERSE_GROUP];
+    uint32_t traced = 0;
+    *ret_stream = (struct traverse_stream){.scene = &bed->unpacked};
+    while (traced < RAYS && !traverse_next_alone(ret_stream)) {
+        traverse_group(ret_stream, rays + traced, TRAVERSE_GROUP, hits);
+        traced += TRAVERSE_GROUP;
+    }
+    return traced;
+}
+
+/* Rays from everywhere in all directions go alone, and packets are tried again; rays side by side never do. */
+static void rays_without_coherence_go_alone(void **state)
+{
+    static struct ray rays[RAYS];
+    struct random random = {7};
+    struct traverse_stream stream;
+    struct bed bed;
+    (void)state;
+    bed_open(&bed, soup, 0, QUALITY_BALANCED);
+    bed_unpack(&bed);
+    stream = (struct traverse_stream){.scene = &bed.unpacked};
+    const bool is_possible = traverse_groups_pay(&stream);
+    for (uint32_t i = 0; i < RAYS; i++) {
+        double origin[3], direction[3];
+        random_point(&random, origin);
+        random_point(&random, direction);
+        rays[i] = (struct ray){.tmax = FLT_MAX, .cull_mask = 0xff};
+        for (int axis = 0; axis < 3; axis++) {
+            rays[i].origin[axis] = (float)(10 * origin[axis]);
+            rays[i].direction[axis] = (float)direction[axis];
+        }
+    }
+    uint32_t alone = 1;
+    assert_true((rays_until_alone(&bed, rays, &stream) < RAYS) == is_possible);
+    while (traverse_next_alone(&stream))
+        alone++;
+    assert_true(!is_possible || (alone > RAYS && stream.pause == alone));
+    for (uint32_t i = 0; i < RAYS; i++)
+        rays[i] = (struct ray){.origin = {0, 0, -30},
+                               .direction = {1e-3f * (float)(i % 8), 1e-3f * (float)(i / 8 % 8), 1},
+                               .tmax = FLT_MAX,
+                               .cull_mask = 0xff};
+    assert_int_equal(rays_until_alone(&bed, rays, &stream), RAYS);
+    bed_close(&bed);
+}
+
 /* Every corner of a leaf's triangles lies in the boxes above it, if nothing was split. */
 static void check_boxes(const struct bed *bed, uint32_t index, const float box[6], uint32_t *triangles)
 {
@@ -420,6 +470,7 @@ int main(void)
         cmocka_unit_test(rays_have_the_answers_of_single_rays),
         cmocka_unit_test(instances_have_the_answers_of_single_rays),
         cmocka_unit_test(any_number_of_rays_has_the_answers_of_single_rays),
+        cmocka_unit_test(rays_without_coherence_go_alone),
         cmocka_unit_test(boxes_hold_their_triangles),
     };
     return cmocka_run_group_tests_name("traverse_group", tests, NULL, NULL);
