@@ -488,7 +488,7 @@ static enum bvhd_status write_blob(struct construction *construction, const stru
         return status;
     status = stage_end(construction, &construction->stats.ms.write);
     if (status != BVHD_OK) {
-        layout_discard(&input, blob);
+        output_discard(context->output, context->memory, blob);
         return status;
     }
     *ret_blob = blob;

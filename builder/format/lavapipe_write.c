@@ -100,11 +100,9 @@ static enum bvhd_status plan(struct lavapipe_writer *w, struct bvhd_error *error
 
 static enum bvhd_status allocate(struct lavapipe_writer *w, struct bvhd_error *error)
 {
-    struct build_output *output = w->input->output;
-    uint64_t total = w->body_offset + w->body_size;
-    w->blob = output ? output->allocate(output, total) : memory_alloc(w->input->memory, total);
+    w->blob = output_allocate(w->input->output, w->input->memory, w->body_offset + w->body_size, error);
     if (!w->blob)
-        return bvhd_error_no_memory(error, "blob", "no memory for %" PRIu64 " bytes", total);
+        return BVHD_NO_MEMORY;
     w->body = w->blob + w->body_offset;
     return BVHD_OK;
 }
@@ -296,7 +294,7 @@ enum bvhd_status lavapipe_write_at(const struct layout_input *input, const uint3
         *ret_blob = w.blob;
         *ret_sizes = sizes_of(&w);
     } else {
-        layout_discard(input, w.blob);
+        output_discard(input->output, input->memory, w.blob);
     }
     lavapipe_leaves_finish(&w.leaves);
     return status;

@@ -20,13 +20,3 @@ const struct layout *layout_find_name(const char *name)
             return layouts[i];
     return NULL;
 }
-
-void layout_discard(const struct layout_input *input, unsigned char *blob)
-{
-    if (!blob)
-        return;
-    if (input->output)
-        input->output->discard(input->output, blob);
-    else
-        memory_free(input->memory, blob);
-}

@@ -72,9 +72,6 @@ struct layout {
                               struct layout_sizes *ret_sizes, struct bvhd_error *error);
 };
 
-/* Frees or discards a blob from write(). */
-void layout_discard(const struct layout_input *input, unsigned char *blob);
-
 extern const struct layout layout_portable, layout_lavapipe;
 
 /* Return a layout, or NULL for an unknown target or name. */

@@ -316,11 +316,9 @@ static enum bvhd_status plan_vertices(struct portable_writer *w, struct bvhd_err
 
 static enum bvhd_status allocate(struct portable_writer *w, struct bvhd_error *error)
 {
-    struct build_output *output = w->input->output;
-    uint64_t total = w->body_offset + w->header.body_size;
-    w->blob = output ? output->allocate(output, total) : memory_alloc(w->input->memory, total);
+    w->blob = output_allocate(w->input->output, w->input->memory, w->body_offset + w->header.body_size, error);
     if (!w->blob)
-        return bvhd_error_no_memory(error, "blob", "no memory for %" PRIu64 " bytes", total);
+        return BVHD_NO_MEMORY;
     w->body = w->blob + w->body_offset;
     w->records.records = w->body + w->header.record_offset;
     return BVHD_OK;
@@ -448,7 +446,7 @@ static enum bvhd_status portable_write(const struct layout_input *input, unsigne
         *ret_blob = w.blob;
         *ret_sizes = sizes_of(&w);
     } else {
-        layout_discard(input, w.blob);
+        output_discard(input->output, input->memory, w.blob);
     }
     memory_free(input->memory, w.remap);
     memory_free(input->memory, w.first_kept);

@@ -76,14 +76,6 @@ enum bvhd_status build_entry_prepare(const struct build_input *input, uint32_t i
     return status;
 }
 
-static void drop_blob(const struct build_context *context, unsigned char *blob)
-{
-    if (context->output)
-        context->output->discard(context->output, blob);
-    else
-        memory_free(context->memory, blob);
-}
-
 static void describe_made(const struct build_entry *entry, const struct build_context *context,
                           const struct build_stats *stats, unsigned char *blob, struct build_made *ret_made)
 {
@@ -104,7 +96,7 @@ static enum bvhd_status make_build(struct build_entry *entry, const struct build
     if (status == BVHD_OK)
         describe_made(entry, context, &stats, blob, ret_made);
     else
-        drop_blob(context, blob);
+        output_discard(context->output, context->memory, blob);
     return status;
 }
 

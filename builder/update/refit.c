@@ -8,23 +8,6 @@
 #include "builder/update/refit_internal.h"
 #include "proto/base/clock.h"
 
-unsigned char *refit_allocate(const struct build_context *context, uint64_t size, struct bvhd_error *error)
-{
-    unsigned char *blob =
-        context->output ? context->output->allocate(context->output, size) : memory_alloc(context->memory, size);
-    if (!blob)
-        bvhd_error_no_memory(error, "blob", "no memory for %" PRIu64 " bytes", size);
-    return blob;
-}
-
-void refit_discard(const struct build_context *context, unsigned char *blob)
-{
-    if (context->output)
-        context->output->discard(context->output, blob);
-    else
-        memory_free(context->memory, blob);
-}
-
 static enum bvhd_status unknown_target(uint32_t target, struct bvhd_error *error)
 {
     return bvhd_error_set(error, BVHD_UNSUPPORTED, "options.target", "unknown target %" PRIu32, target);
@@ -107,7 +90,7 @@ enum bvhd_status refit(const struct refit_request *request, const struct build_c
     stats.ms.write = written - begin;
     if (stats.refs > 0 && request->canonical->type == STRUCTURE_BOTTOM &&
         !outline_find(request->canonical, context, &stats.slabs)) {
-        refit_discard(context, output.blob);
+        output_discard(context->output, context->memory, output.blob);
         return bvhd_error_set(error, BVHD_CANCELLED, "", "cancelled");
     }
     stats.ms.boxes = clock_ms() - written;

@@ -34,10 +34,6 @@ enum bvhd_status refit_lavapipe(const struct refit_request *request, const struc
 enum bvhd_status refit_lavapipe_cost(struct bytes blob, const struct device_format *device,
                                      const struct build_context *context, double *ret_cost, struct bvhd_error *error);
 
-/* Allocates a blob from the context's output or memory, and takes one back after a failure. */
-unsigned char *refit_allocate(const struct build_context *context, uint64_t size, struct bvhd_error *error);
-void refit_discard(const struct build_context *context, unsigned char *blob);
-
 /* Returns the cost of a tree whose nodes cost `sum` in all, over the area of its root; 0 if the root has none. */
 static inline double refit_cost_of(double sum, const struct box *root)
 {

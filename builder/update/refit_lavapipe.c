@@ -224,14 +224,14 @@ static enum bvhd_status check_source(const struct lavapipe_refit *refit, const s
 static enum bvhd_status write_blob(struct lavapipe_refit *refit, struct bytes source, struct refit_output *output,
                                    struct bvhd_error *error)
 {
-    refit->blob = refit_allocate(refit->context, source.size, error);
+    refit->blob = output_allocate(refit->context->output, refit->context->memory, source.size, error);
     if (!refit->blob)
         return BVHD_NO_MEMORY;
     refit->body = refit->blob + (source.size - refit->source.body_size);
     enum bvhd_status status = fill(refit, output, error);
     memory_free(refit->context->memory, refit->nodes);
     if (status != BVHD_OK) {
-        refit_discard(refit->context, refit->blob);
+        output_discard(refit->context->output, refit->context->memory, refit->blob);
         return status;
     }
     copy_rest(refit, source.data, output);

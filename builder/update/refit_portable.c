@@ -316,7 +316,8 @@ static enum bvhd_status write_blob(struct portable_refit *refit, struct refit_ou
 {
     const uint32_t handles = refit->header.content == PORTABLE_INSTANCES ? refit->canonical->reference_count : 0;
     refit->body_offset = bytes_align(SERIALIZED_HANDLES + (uint64_t)8 * handles, PORTABLE_BODY_ALIGNMENT);
-    refit->blob = refit_allocate(refit->context, refit->body_offset + refit->header.body_size, error);
+    refit->blob = output_allocate(refit->context->output, refit->context->memory,
+                                  refit->body_offset + refit->header.body_size, error);
     if (!refit->blob)
         return BVHD_NO_MEMORY;
     refit->body = refit->blob + refit->body_offset;
@@ -328,7 +329,7 @@ static enum bvhd_status write_blob(struct portable_refit *refit, struct refit_ou
     enum bvhd_status status = fill_tree(refit, output, error);
     memory_free(refit->context->memory, refit->nodes);
     if (status != BVHD_OK) {
-        refit_discard(refit->context, refit->blob);
+        output_discard(refit->context->output, refit->context->memory, refit->blob);
         return status;
     }
     copy_rest(refit);

@@ -467,7 +467,7 @@ struct test_output {
     atomic_bool *cancel;
 };
 
-static unsigned char *output_allocate(struct build_output *self, uint64_t size)
+static unsigned char *room_allocate(struct build_output *self, uint64_t size)
 {
     struct test_output *output = (struct test_output *)self;
     output->calls++;
@@ -477,7 +477,7 @@ static unsigned char *output_allocate(struct build_output *self, uint64_t size)
     return memory_alloc(&output->memory, size);
 }
 
-static void output_discard(struct build_output *self, unsigned char *bytes)
+static void room_discard(struct build_output *self, unsigned char *bytes)
 {
     struct test_output *output = (struct test_output *)self;
     output->discards++;
@@ -486,7 +486,7 @@ static void output_discard(struct build_output *self, unsigned char *bytes)
 
 static void output_init(struct test_output *output)
 {
-    *output = (struct test_output){.output = {output_allocate, output_discard}};
+    *output = (struct test_output){.output = {room_allocate, room_discard}};
     memory_init(&output->memory, UINT64_MAX);
 }
 
