@@ -38,7 +38,7 @@ enum bvhd_status reference_check_bottom(const struct bvhd_result *result, struct
     if (status != BVHD_OK)
         return status;
     bool is_top = header.handle_count > 0;
-    uint64_t body = bytes_align(SERIALIZED_HANDLES, PORTABLE_BODY_ALIGNMENT);
+    uint64_t body = portable_body_offset(0);
     if (memcmp(header.driver_uuid, portable_driver_uuid, sizeof header.driver_uuid) == 0 &&
         bytes_reach(bytes.size, body, 0, 0, sizeof(struct portable_header)))
         is_top =

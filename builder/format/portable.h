@@ -13,6 +13,7 @@
 
 #include <stdint.h>
 
+#include "builder/format/serialized.h"
 #include "proto/base/box.h"
 #include "proto/base/bytes.h"
 #include "proto/base/geometry.h"
@@ -31,6 +32,12 @@ enum {
 
 extern const uint8_t portable_driver_uuid[16]; /* names the layout family */
 extern const uint8_t portable_compatibility_uuid[16]; /* names the version */
+
+/* Returns where the body begins in a blob with that many handles, which come before it. */
+static inline uint64_t portable_body_offset(uint64_t handles)
+{
+    return bytes_align(SERIALIZED_HANDLES + 8 * handles, PORTABLE_BODY_ALIGNMENT);
+}
 
 /* The kinds of records. */
 enum portable_content {

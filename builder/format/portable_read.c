@@ -269,7 +269,7 @@ static enum bvhd_status find_body(struct portable_reader *r, struct bytes blob)
         return bvhd_error_set(r->error, BVHD_INCOMPATIBLE, "header.driverUUID", "written for another driver");
     if (memcmp(header.compatibility_uuid, portable_compatibility_uuid, sizeof header.compatibility_uuid) != 0)
         return bvhd_error_set(r->error, BVHD_INCOMPATIBLE, "header.compatibilityUUID", "written by another version");
-    uint64_t offset = bytes_align(SERIALIZED_HANDLES + 8 * header.handle_count, PORTABLE_BODY_ALIGNMENT);
+    uint64_t offset = portable_body_offset(header.handle_count);
     if (offset > blob.size || blob.size - offset < sizeof(struct portable_header))
         return corrupt(r, "body", "too short");
     if (header.deserialized_size != blob.size - offset)

@@ -3,10 +3,9 @@
 
 #include <inttypes.h>
 
-#include "builder/format/layout.h"
+#include "builder/format/portable_head.h"
 #include "builder/format/portable_quantise.h"
 #include "builder/format/portable_records.h"
-#include "builder/format/serialized.h"
 #include "proto/base/prefix.h"
 
 const uint8_t portable_driver_uuid[16] = "bvhd portable";
@@ -22,6 +21,7 @@ enum { NODE_CHUNK = 256, PREFETCH_AHEAD = 3, VERTEX_CHUNK = 32768, COPY_CHUNK = 
 struct portable_writer {
     const struct layout_input *input;
     struct portable_header header;
+    uint32_t handles;
     uint64_t body_offset;
     unsigned char *blob, *body;
     struct portable_records records;
@@ -91,8 +91,8 @@ static enum bvhd_status plan(struct portable_writer *w, struct bvhd_error *error
     };
     fill_bounds(w->input->ir, w->header.bounds);
     place_sections(&w->header);
-    uint32_t handles = content == PORTABLE_INSTANCES ? canonical->reference_count : 0;
-    w->body_offset = bytes_align(SERIALIZED_HANDLES + (uint64_t)8 * handles, PORTABLE_BODY_ALIGNMENT);
+    w->handles = portable_head_handles(&w->header, canonical);
+    w->body_offset = portable_body_offset(w->handles);
     return BVHD_OK;
 }
 
@@ -388,43 +388,13 @@ static void write_tables(const struct portable_writer *w)
     memcpy(w->body, header, sizeof *header);
 }
 
-/* Handle i is i + 1, as in the references of the canonical copy, until a loader replaces it by the device's own. */
-static void write_serialized_header(const struct portable_writer *w)
-{
-    uint32_t handles = w->header.content == PORTABLE_INSTANCES ? w->input->canonical->reference_count : 0;
-    struct serialized_header header = {
-        .serialized_size = w->body_offset + w->header.body_size,
-        .deserialized_size = w->header.body_size,
-        .handle_count = handles,
-    };
-    memcpy(header.driver_uuid, portable_driver_uuid, sizeof header.driver_uuid);
-    memcpy(header.compatibility_uuid, portable_compatibility_uuid, sizeof header.compatibility_uuid);
-    memset(w->blob, 0, w->body_offset);
-    serialized_write(w->blob, &header);
-    for (uint32_t i = 0; i < handles; i++)
-        bytes_put64(w->blob + SERIALIZED_HANDLES + (uint64_t)8 * i, i + 1);
-}
-
-static struct layout_sizes sizes_of(const struct portable_writer *w)
-{
-    const struct portable_header *header = &w->header;
-    return (struct layout_sizes){
-        .total = w->body_offset + header->body_size,
-        .header = w->body_offset + header->node_offset,
-        .nodes = header->record_offset - header->node_offset,
-        .records = header->vertex_offset - header->record_offset,
-        .vertices = header->geometry_offset - header->vertex_offset,
-        .geometries = header->body_size - header->geometry_offset,
-    };
-}
-
 static enum bvhd_status fill(struct portable_writer *w, struct bvhd_error *error)
 {
     size_t copies = w->header.vertex_count > 0 ? parallel_chunks(COPY_CHUNK, w->records.canonical->vertex_count) : 0;
     if (!run_all(w, node_chunks(w) + copies, write_chunk))
         return report_cancelled(error);
     write_tables(w);
-    write_serialized_header(w);
+    portable_head_write(w->blob, &w->header, w->handles);
     return BVHD_OK;
 }
 
@@ -444,7 +414,7 @@ static enum bvhd_status portable_write(const struct layout_input *input, unsigne
         status = fill(&w, error);
     if (status == BVHD_OK) {
         *ret_blob = w.blob;
-        *ret_sizes = sizes_of(&w);
+        *ret_sizes = portable_head_sizes(&w.header, w.handles);
     } else {
         output_discard(input->output, input->memory, w.blob);
     }

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+#include "builder/format/portable_head.h"
 #include "builder/format/portable_quantise.h"
 #include "builder/format/portable_records.h"
-#include "builder/format/serialized.h"
 #include "builder/input/primitive.h"
 #include "builder/update/portable_tree.h"
 #include "builder/update/refit_internal.h"
@@ -20,7 +20,6 @@ struct portable_refit {
     const struct canonical *canonical;
     const struct record *record; /* of `canonical` */
     struct portable_header header;
-    uint64_t body_offset;
     unsigned char *blob, *body;
     struct portable_records records; /* where the new ones go */
     const float *vertices; /* the new ones */
@@ -282,45 +281,14 @@ static void copy_rest(const struct portable_refit *refit)
     memcpy(refit->body, header, sizeof *header);
 }
 
-/* A top level has a handle for each row of its own table of references, whose number an update may change. */
-static void write_serialized_header(const struct portable_refit *refit)
-{
-    const uint32_t handles = refit->header.content == PORTABLE_INSTANCES ? refit->canonical->reference_count : 0;
-    struct serialized_header header = {
-        .serialized_size = refit->body_offset + refit->header.body_size,
-        .deserialized_size = refit->header.body_size,
-        .handle_count = handles,
-    };
-    memcpy(header.driver_uuid, portable_driver_uuid, sizeof header.driver_uuid);
-    memcpy(header.compatibility_uuid, portable_compatibility_uuid, sizeof header.compatibility_uuid);
-    memset(refit->blob, 0, refit->body_offset);
-    serialized_write(refit->blob, &header);
-    for (uint32_t i = 0; i < handles; i++)
-        bytes_put64(refit->blob + SERIALIZED_HANDLES + (uint64_t)8 * i, i + 1);
-}
-
-static struct layout_sizes sizes_of(const struct portable_refit *refit)
-{
-    const struct portable_header *header = &refit->header;
-    return (struct layout_sizes){
-        .total = refit->body_offset + header->body_size,
-        .header = refit->body_offset + header->node_offset,
-        .nodes = header->record_offset - header->node_offset,
-        .records = header->vertex_offset - header->record_offset,
-        .vertices = header->geometry_offset - header->vertex_offset,
-        .geometries = header->body_size - header->geometry_offset,
-    };
-}
-
 static enum bvhd_status write_blob(struct portable_refit *refit, struct refit_output *output, struct bvhd_error *error)
 {
-    const uint32_t handles = refit->header.content == PORTABLE_INSTANCES ? refit->canonical->reference_count : 0;
-    refit->body_offset = bytes_align(SERIALIZED_HANDLES + (uint64_t)8 * handles, PORTABLE_BODY_ALIGNMENT);
-    refit->blob = output_allocate(refit->context->output, refit->context->memory,
-                                  refit->body_offset + refit->header.body_size, error);
+    const uint32_t handles = portable_head_handles(&refit->header, refit->canonical);
+    output->sizes = portable_head_sizes(&refit->header, handles);
+    refit->blob = output_allocate(refit->context->output, refit->context->memory, output->sizes.total, error);
     if (!refit->blob)
         return BVHD_NO_MEMORY;
-    refit->body = refit->blob + refit->body_offset;
+    refit->body = refit->blob + portable_body_offset(handles);
     refit->records = (struct portable_records){
         .content = (enum portable_content)refit->header.content,
         .canonical = refit->canonical,
@@ -333,7 +301,7 @@ static enum bvhd_status write_blob(struct portable_refit *refit, struct refit_ou
         return status;
     }
     copy_rest(refit);
-    write_serialized_header(refit);
+    portable_head_write(refit->blob, &refit->header, handles);
     return BVHD_OK;
 }
 
@@ -354,7 +322,6 @@ enum bvhd_status refit_portable(const struct refit_request *request, const struc
     if (status != BVHD_OK)
         return status;
     output.blob = refit.blob;
-    output.sizes = sizes_of(&refit);
     *ret_output = output;
     return BVHD_OK;
 }

@@ -19,7 +19,7 @@ static enum bvhd_status read_portable(struct vulkan_blob *blob, struct bvhd_erro
         return bvhd_error_set(error, BVHD_INCOMPATIBLE, "header.compatibilityUUID",
                               "a portable structure of version %u, this library loads version %d",
                               blob->header.compatibility_uuid[15], PORTABLE_VERSION);
-    uint64_t offset = bytes_align(SERIALIZED_HANDLES + 8 * blob->header.handle_count, PORTABLE_BODY_ALIGNMENT);
+    uint64_t offset = portable_body_offset(blob->header.handle_count);
     if (offset > blob->bytes.size || blob->bytes.size - offset < sizeof header)
         return bvhd_error_set(error, BVHD_CORRUPT, "body", "too short");
     blob->body = (struct bytes){blob->bytes.data + offset, blob->bytes.size - offset};

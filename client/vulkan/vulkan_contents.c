@@ -11,7 +11,7 @@
 static const unsigned char *body_of(struct bytes blob)
 {
     uint64_t handles = bytes_get64(blob.data + offsetof(struct serialized_header, handle_count));
-    return blob.data + bytes_align(SERIALIZED_HANDLES + 8 * handles, PORTABLE_BODY_ALIGNMENT);
+    return blob.data + portable_body_offset(handles);
 }
 
 /*

@@ -1,0 +1,38 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "builder/format/portable_head.h"
+
+#include "builder/format/serialized.h"
+
+uint32_t portable_head_handles(const struct portable_header *header, const struct canonical *canonical)
+{
+    return header->content == PORTABLE_INSTANCES ? canonical->reference_count : 0;
+}
+
+void portable_head_write(unsigned char *blob, const struct portable_header *header, uint32_t handles)
+{
+    const uint64_t body = portable_body_offset(handles);
+    struct serialized_header serialized = {
+        .serialized_size = body + header->body_size,
+        .deserialized_size = header->body_size,
+        .handle_count = handles,
+    };
+    memcpy(serialized.driver_uuid, portable_driver_uuid, sizeof serialized.driver_uuid);
+    memcpy(serialized.compatibility_uuid, portable_compatibility_uuid, sizeof serialized.compatibility_uuid);
+    memset(blob, 0, body);
+    serialized_write(blob, &serialized);
+    for (uint32_t i = 0; i < handles; i++)
+        bytes_put64(blob + SERIALIZED_HANDLES + (uint64_t)8 * i, i + 1);
+}
+
+struct layout_sizes portable_head_sizes(const struct portable_header *header, uint32_t handles)
+{
+    const uint64_t body = portable_body_offset(handles);
+    return (struct layout_sizes){
+        .total = body + header->body_size,
+        .header = body + header->node_offset,
+        .nodes = header->record_offset - header->node_offset,
+        .records = header->vertex_offset - header->record_offset,
+        .vertices = header->geometry_offset - header->vertex_offset,
+        .geometries = header->body_size - header->geometry_offset,
+    };
+}

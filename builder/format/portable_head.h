@@ -1,0 +1,24 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * portable_head.h - what comes before the body of a portable structure, and how large its parts are; for all that write
+ * such structures.
+ */
+#ifndef BVHD_PORTABLE_HEAD_H
+#define BVHD_PORTABLE_HEAD_H
+
+#include "builder/format/layout.h"
+#include "builder/format/portable.h"
+
+/* Returns the number of handles: a top level has one for each row of its table of references. */
+uint32_t portable_head_handles(const struct portable_header *header, const struct canonical *canonical);
+
+/*
+ * Writes the serialized header, the handles, and zeros up to the body. Handle i is i + 1, as in the references of a
+ * canonical copy, until a loader replaces it by the device's own.
+ */
+void portable_head_write(unsigned char *blob, const struct portable_header *header, uint32_t handles);
+
+/* Returns the sizes of a blob's sections; its total is the size of the blob. */
+struct layout_sizes portable_head_sizes(const struct portable_header *header, uint32_t handles);
+
+#endif
