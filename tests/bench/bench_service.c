@@ -16,7 +16,7 @@
  *   cancel  200 cancels of queued builds, and 200 of running ones
  *   death   how long the work and the resources of a client last after it died
  *   disk    results on disk: from the start of a daemon to its first hit among 200,000 entries (or N), hits of 1 KiB
- *           and of 1 MiB, and what a miss costs beside a daemon without them
+ *           and of 1 MiB without a pause and 2 ms apart, and what a miss costs beside a daemon without them
  */
 #include <stdio.h>
 #include <stdlib.h>
