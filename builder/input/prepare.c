@@ -10,7 +10,8 @@
 /*
  * The state of one prepare call. The block grows once: at first it has the header, the geometry rows and the arrays of
  * primitives, whose sizes are known; then, when the highest index of each geometry is known, positions and reference
- * rows are added.
+ * rows are added. A small block would be copied as it grows, by one thread while all others wait, so that it gets room
+ * for the positions from the start.
  */
 struct work {
     const struct build_input *input;
@@ -42,20 +43,58 @@ static enum bvhd_status too_large(const struct work *work, const char *what)
     return bvhd_error_set(work->error, BVHD_TOO_LARGE, place("infos[%u]", work->index).text, "%s", what);
 }
 
-/* Makes room for `size` bytes, and keeps the contents. */
-static enum bvhd_status grow(struct work *work, uint64_t size)
+/* Gives the block that much room, and keeps the contents. */
+static bool resize(struct work *work, uint64_t room)
+{
+    unsigned char *block = memory_resize(work->memory, work->block, room);
+    if (!block)
+        return false;
+    work->block = block;
+    work->room = room;
+    return true;
+}
+
+/* Makes room for `size` bytes, and for `more` that may follow; keeps the contents. */
+static enum bvhd_status grow(struct work *work, uint64_t size, uint64_t more)
 {
     if (size > work->max_bytes)
         return too_large(work, "the canonical copy is over the limit");
-    if (size > work->room) {
-        unsigned char *block = memory_resize(work->memory, work->block, size);
-        if (!block)
-            return no_memory(work, size);
-        work->block = block;
-        work->room = size;
-    }
+    if (size > work->room && !resize(work, size + more))
+        return no_memory(work, size + more);
     work->size = size;
     return BVHD_OK;
+}
+
+/* Gives back room, if it is more than an eighth of the block, as far as there is memory for that. */
+static void shrink(struct work *work)
+{
+    if (work->room - work->size > work->size / 8)
+        resize(work, work->size);
+}
+
+uint64_t prepare_most_vertices(const struct geometry *geometry)
+{
+    const struct geometry_triangles *triangles = &geometry->triangles;
+    if (geometry->type != GEOMETRY_TRIANGLES || geometry->range.primitive_count == 0)
+        return 0;
+    if (triangles->vertex_stride == 0)
+        return 1;
+    if (triangles->index_type == INDEX_NONE)
+        return 3 * (uint64_t)geometry->range.primitive_count;
+    uint64_t given = triangles->vertices.size / triangles->vertex_stride, named = (uint64_t)triangles->max_vertex + 1;
+    return named <= given ? named : given + 1;
+}
+
+/* Returns how many bytes of positions to expect after the first `size` bytes of a block that would be copied. */
+static uint64_t positions_expected(const struct work *work, uint64_t size)
+{
+    enum { COPIED_BELOW = 4 << 20, MOST_RATIO = 4 };
+    uint64_t most = 0;
+    if (size >= COPIED_BELOW)
+        return 0;
+    for (uint32_t i = 0; i < work->input->geometry_count && most <= MOST_RATIO * size; i++)
+        most += bytes_align(prepare_most_vertices(&work->input->geometries[i]) * 3 * sizeof(float), FORM_ALIGNMENT);
+    return most <= MOST_RATIO * size && size + most <= work->max_bytes ? most : 0;
 }
 
 static bool is_update(const struct build_input *input)
@@ -124,7 +163,7 @@ static enum bvhd_status place_primitives(struct work *work)
 {
     const struct build_input *input = work->input;
     uint64_t tables = sizeof(struct form_header) + (uint64_t)input->geometry_count * sizeof(struct form_geometry), end;
-    enum bvhd_status status = grow(work, tables);
+    enum bvhd_status status = grow(work, tables, 0);
     if (status != BVHD_OK)
         return status;
     make_rows(work);
@@ -133,7 +172,7 @@ static enum bvhd_status place_primitives(struct work *work)
         return status;
     if (!form_place(rows_of(work), input->geometry_count, FORM_PRIMITIVES, tables, &end))
         return too_large(work, "the canonical copy is over 2^64 bytes");
-    status = grow(work, end);
+    status = grow(work, end, positions_expected(work, end));
     if (status == BVHD_OK)
         clear_gaps(work, FORM_PRIMITIVES);
     return status;
@@ -150,9 +189,11 @@ static enum bvhd_status place_positions(struct work *work)
         return too_large(work, "the canonical copy is over 2^64 bytes");
     enum bvhd_status status = look_at_cancel(work);
     if (status == BVHD_OK)
-        status = grow(work, end);
-    if (status == BVHD_OK)
+        status = grow(work, end, 0);
+    if (status == BVHD_OK) {
+        shrink(work);
         clear_gaps(work, FORM_POSITIONS);
+    }
     return status;
 }
 

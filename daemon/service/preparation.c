@@ -4,6 +4,7 @@
 #include <assert.h>
 
 #include "proto/base/place.h"
+#include "builder/input/prepare.h"
 #include "builder/input/validate.h"
 
 /*
@@ -32,25 +33,12 @@ static uint64_t least(uint64_t a, uint64_t b)
     return a < b ? a : b;
 }
 
-/* The copy has the vertices from the lowest index in use to the highest, as far as maxVertex and the bytes reach. */
-static uint64_t vertices_bound(const struct geometry *geometry)
-{
-    const struct geometry_triangles *triangles = &geometry->triangles;
-    if (geometry->range.primitive_count == 0)
-        return 0;
-    if (triangles->vertex_stride == 0)
-        return 1;
-    if (triangles->index_type == INDEX_NONE)
-        return product(3, geometry->range.primitive_count);
-    return least((uint64_t)triangles->max_vertex + 1, sum(triangles->vertices.size / triangles->vertex_stride, 1));
-}
-
 static uint64_t geometry_bound(const struct geometry *geometry)
 {
     uint64_t count = geometry->range.primitive_count;
     switch (geometry->type) {
     case GEOMETRY_TRIANGLES:
-        return sum(product(count, 3 * sizeof(uint32_t)), product(vertices_bound(geometry), 3 * sizeof(float)));
+        return sum(product(count, 3 * sizeof(uint32_t)), product(prepare_most_vertices(geometry), 3 * sizeof(float)));
     case GEOMETRY_AABBS:
         return product(count, 6 * sizeof(float));
     default:
@@ -138,7 +126,7 @@ static uint64_t build_bound(const struct build_input *input)
         const struct geometry *geometry = &input->geometries[i];
         primitives = sum(primitives, geometry->range.primitive_count);
         if (geometry->type == GEOMETRY_TRIANGLES)
-            vertices = sum(vertices, vertices_bound(geometry));
+            vertices = sum(vertices, prepare_most_vertices(geometry));
     }
     return preparation_build_bytes(primitives, vertices, quality != QUALITY_FAST && quality != QUALITY_BALANCED);
 }

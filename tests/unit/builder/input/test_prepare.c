@@ -342,6 +342,55 @@ static void empty_structures_are_small(void **state)
     bed_finish(&canonical);
 }
 
+/* Makes a copy of 2,000 triangles over the vertices below `used`, of `given` ones. */
+static struct canonical make_span(uint32_t used, uint32_t given)
+{
+    enum { TRIANGLES = 2000, MOST = 6000 };
+    static float vertices[MOST][3];
+    static uint32_t indices[3 * TRIANGLES];
+    struct test_input test;
+    inputs_start(&test, STRUCTURE_BOTTOM, 1);
+    for (uint32_t i = 0; i < 3 * TRIANGLES; i++)
+        indices[i] = i % used;
+    test.geometries[0] = (struct geometry){
+        .type = GEOMETRY_TRIANGLES,
+        .triangles = {.vertex_format = 106,
+                      .max_vertex = given - 1,
+                      .vertex_stride = sizeof *vertices,
+                      .index_type = INDEX_UINT32,
+                      .vertices = {(const unsigned char *)vertices, given * sizeof *vertices},
+                      .indices = {(const unsigned char *)indices, sizeof indices}},
+        .range = {.primitive_count = TRIANGLES},
+    };
+    assert_int_equal(prepare_most_vertices(&test.geometries[0]), given);
+    return bed_make(&test);
+}
+
+/* The copy has room for all positions at first; what is not needed is given back. */
+static void unused_room_is_given_back(void **state)
+{
+    enum { TABLES = 1024 };
+    (void)state;
+    static const uint32_t used[] = {3, 100, 1000, 5999, 6000};
+    for (size_t i = 0; i < sizeof used / sizeof *used; i++) {
+        struct canonical canonical = make_span(used[i], 6000);
+        assert_int_equal(canonical.vertex_count, used[i]);
+        assert_true(bed_memory.live <= canonical.size + canonical.size / 8 + TABLES);
+        bed_finish(&canonical);
+    }
+}
+
+/* A copy whose room was known at once never lies in memory twice. */
+static void known_room_is_taken_once(void **state)
+{
+    enum { TABLES = 1024 };
+    (void)state;
+    atomic_store(&bed_memory.peak, 0);
+    struct canonical canonical = make_span(6000, 6000);
+    assert_true(bed_memory.peak <= canonical.size + 2 * TABLES);
+    bed_finish(&canonical);
+}
+
 static void limits_are_kept(void **state)
 {
     (void)state;
@@ -402,6 +451,8 @@ int main(void)
         cmocka_unit_test(what_counts_changes_the_bytes),
         cmocka_unit_test(contents_are_checked),
         cmocka_unit_test(empty_structures_are_small),
+        cmocka_unit_test(unused_room_is_given_back),
+        cmocka_unit_test(known_room_is_taken_once),
         cmocka_unit_test(limits_are_kept),
         cmocka_unit_test(every_allocation_may_fail),
     };
