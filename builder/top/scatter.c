@@ -62,7 +62,7 @@ struct sampling {
     const struct scatter *s;
     uint32_t step;
     float outsize;
-    struct primitive_ref *sample;
+    struct primitive_ref *sample, *spare; /* two arrays of the same size, in one block */
     struct sample_part *parts; /* for each chunk */
 };
 
@@ -119,7 +119,7 @@ static void plan_by_sample(struct scatter *s, struct sampling *sampling)
         count = take_sample(sampling);
     }
     uint32_t enough = s->request->piece_size / sampling->step;
-    scatter_plan_make(sampling->sample, count, enough > 16 ? enough : 16, s->parallel, &s->plan);
+    scatter_plan_make(sampling->sample, sampling->spare, count, enough > 16 ? enough : 16, s->parallel, &s->plan);
 }
 
 static enum bvhd_status find_planes(struct scatter *s)
@@ -131,14 +131,16 @@ static enum bvhd_status find_planes(struct scatter *s)
     uint32_t size = request->count / sampling.step;
     if (size == 0) {
         s->outsize = INFINITY;
-        scatter_plan_make(NULL, 0, 0, s->parallel, &s->plan);
+        scatter_plan_make(NULL, NULL, 0, 0, s->parallel, &s->plan);
         return BVHD_OK;
     }
-    sampling.sample = memory_array(s->memory, (uint64_t)size + 1, sizeof *sampling.sample);
+    sampling.sample = memory_array(s->memory, 2 * ((uint64_t)size + 1), sizeof *sampling.sample);
     sampling.parts = memory_array(s->memory, s->chunk_count, sizeof *sampling.parts);
     bool has_room = sampling.sample && sampling.parts;
-    if (has_room)
+    if (has_room) {
+        sampling.spare = sampling.sample + size + 1;
         plan_by_sample(s, &sampling);
+    }
     memory_free(s->memory, sampling.sample);
     memory_free(s->memory, sampling.parts);
     return has_room ? BVHD_OK : BVHD_NO_MEMORY;

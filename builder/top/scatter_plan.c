@@ -3,10 +3,10 @@
 
 #include <math.h>
 
-#include "builder/kernel/bins.h"
+#include "builder/top/sample_cut.h"
 
 /* Parts of the sample with at least this many refs are worth another thread. */
-enum { APART = 2048 };
+enum { APART = 1024 };
 
 /* A range of the sample that is still to be divided. */
 struct sample_range {
@@ -18,36 +18,28 @@ struct sample_range {
 struct planning {
     struct scatter_node nodes[SCATTER_NODES_MAX];
     const struct parallel *parallel;
+    struct primitive_ref *spare; /* room for the whole sample; NULL: there is none */
     uint32_t enough;
     _Atomic uint32_t node_count;
     atomic_bool full; /* more nodes were wanted than fit */
 };
 
-/* Moves refs below the threshold to the front, without keeping their order, and returns how many there are. */
-static uint32_t divide(struct primitive_ref *refs, uint32_t count, uint32_t axis, float threshold)
-{
-    uint32_t left = 0;
-    for (uint32_t i = 0; i < count; i++) {
-        const struct vec4_box ref = vec4_box_load(&refs[i]);
-        const vec4 centroid = ref.min + ref.max;
-        vec4_box_store(&refs[i], vec4_box_load(&refs[left]));
-        vec4_box_store(&refs[left], ref);
-        left += centroid[axis] < threshold;
-    }
-    return left;
-}
-
 /* Returns false where no plane has refs on both sides, or there is no room for two more nodes. */
 static bool split_range(struct planning *planning, const struct sample_range *range,
                         struct sample_range ret_children[2])
 {
-    const struct vec4_box centroids = bins_centroids(range->refs, range->count);
-    struct bins_mapping mapping;
-    struct bins_plane plane;
-    if (!bins_find(range->refs, range->count, &centroids, &mapping, &plane))
+    const struct parallel *parallel = planning->parallel;
+    struct primitive_ref *refs = range->refs;
+    struct sample_plane plane;
+    uint32_t left;
+    if (!sample_plane_find(refs, range->count, parallel, &plane))
         return false;
-    float threshold = mapping.base[plane.axis] + (float)plane.bin / mapping.scale[plane.axis];
-    uint32_t left = divide(range->refs, range->count, plane.axis, threshold);
+    if (range->node == 0 && planning->spare && sample_is_large(range->count, parallel)) {
+        refs = planning->spare;
+        left = sample_divide_into(range->refs, range->count, &plane, parallel, refs);
+    } else {
+        left = sample_divide(refs, range->count, &plane);
+    }
     if (left == 0 || left == range->count)
         return false;
     uint32_t child = atomic_fetch_add_explicit(&planning->node_count, 2, memory_order_relaxed);
@@ -55,9 +47,9 @@ static bool split_range(struct planning *planning, const struct sample_range *ra
         atomic_store_explicit(&planning->full, true, memory_order_relaxed);
         return false;
     }
-    planning->nodes[range->node] = (struct scatter_node){threshold, plane.axis, child, 0};
-    ret_children[0] = (struct sample_range){range->refs, child, left};
-    ret_children[1] = (struct sample_range){range->refs + left, child + 1, range->count - left};
+    planning->nodes[range->node] = (struct scatter_node){plane.threshold, plane.axis, child, 0};
+    ret_children[0] = (struct sample_range){refs, child, left};
+    ret_children[1] = (struct sample_range){refs + left, child + 1, range->count - left};
     return true;
 }
 
@@ -157,10 +149,10 @@ static void place(const struct scatter_node *nodes, struct scatter_plan *plan)
     }
 }
 
-void scatter_plan_make(struct primitive_ref *sample, uint32_t count, uint32_t enough, const struct parallel *parallel,
-                       struct scatter_plan *ret_plan)
+void scatter_plan_make(struct primitive_ref *sample, struct primitive_ref *spare, uint32_t count, uint32_t enough,
+                       const struct parallel *parallel, struct scatter_plan *ret_plan)
 {
-    struct planning planning = {.parallel = parallel, .enough = enough, .node_count = 1};
+    struct planning planning = {.parallel = parallel, .spare = spare, .enough = enough, .node_count = 1};
     const struct sample_range all = {sample, 0, count};
     plan_range(&planning, all);
     if (planning.full) {
