@@ -31,10 +31,17 @@
  *     ALLOW_COMPACTION      COMPACT and its size are allowed
  *     PREFER_FAST_TRACE     quality high, if the request names none
  *     PREFER_FAST_BUILD     quality fast, if the request names none
- *     LOW_MEMORY            no spatial splits: on one thread a build of triangles takes at most 320 bytes for each of
- *                           them and 64 KiB, with its result and without the program's geometry
+ *     LOW_MEMORY            no spatial splits, which bounds the memory of a build as said below
  *     ALLOW_DATA_ACCESS     positions can be read by bvhd_structure_positions, from a hit by bvhd_cpu_scene_corners and
  *                           in shaders; it changes no other byte of a structure, whose positions are exact in any case
+ *
+ * With LOW_MEMORY a build by bvhd's own builder never takes more bytes at once, on any number of threads, of each
+ * quality and in each target, than the sum of
+ *
+ *     65,536 + 320 * triangles + 320 * boxes + 400 * instances + 24 * vertices + 256 * geometries + 512 * references
+ *
+ * with its result, and without the program's geometry and the threads' stacks. `vertices` are those of indexed
+ * geometries, maxVertex + 1 for each, and `references` the bottom levels that are given to a top level.
  *
  * Errors are reported as in bvhd.h; a call that fails changes nothing. Places name members of the struct that the call
  * takes, as "info.mode".
