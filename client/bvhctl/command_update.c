@@ -17,6 +17,7 @@ struct update_command {
     const struct manifest_entry *top;
     struct manifest_wish wish; /* what of the scene's file was built */
     struct update_sources sources; /* of the next frame */
+    struct assembly_holds held; /* with --local: the results of the last frame, which are those sources */
     uint32_t frame_count;
     uint64_t method_counts[ASSEMBLY_METHODS];
     uint32_t changed, removed; /* files, over all frames */
@@ -124,6 +125,9 @@ static enum bvhd_status update_imported(struct update_command *command, struct f
     status = keep_frame(command, frame, &assembly, names, error);
     count_methods(command, &assembly);
     update_sources_take(&command->sources, &assembly);
+    assembly_release(&command->held);
+    if (run->options->local)
+        command->held = assembly_take(&assembly);
     assembly_finish(&assembly);
     return status;
 }
@@ -293,6 +297,7 @@ enum exit_code command_update(const struct options *options)
     } else {
         code = update_all(&command);
     }
+    assembly_release(&command.held);
     update_sources_finish(&command.sources);
     manifest_finish(&command.manifest);
     building_finish(&command.run);

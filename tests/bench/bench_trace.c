@@ -21,7 +21,7 @@
 
 #include <bvhd/bvhd_cpu.h>
 
-#include "builder/batch.h"
+#include "builder/update/batch.h"
 #include "tests/bench/embree_ray.h"
 #include "tests/support/scene/ply.h"
 #include "tests/support/random.h"

@@ -1,8 +1,8 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# bvhctl_update.sh MAKE_SCENE MAKE_PROBE BVHCTL BVHD - tests `bvhctl update` through a daemon: frames of an animated
-# scene are updated, checked by brute force, built where updates are not possible, and refused where a rule is broken.
-# It prints each expectation that does not hold, and its status is 1 if there is one.
+# bvhctl_update.sh MAKE_SCENE MAKE_PROBE BVHCTL BVHD - tests `bvhctl update` through a daemon and without one: frames of
+# an animated scene are updated, checked by brute force, built where updates are not possible, and refused where a rule
+# is broken. It prints each expectation that does not hold, and its status is 1 if there is one.
 set -u
 # shellcheck source=tests/support/expect.sh
 . "$(dirname "$0")/../support/expect.sh"
@@ -153,8 +153,47 @@ run 1 update ball ball.ply --at 1
 says 'it has no moments'
 run 1 update quad dance.glb
 says 'it was built from another scene'
-run 2 --local update ball ball.ply
-one_error_line
+
+# Without a daemon: the sources are in the cache on disk, and then the frames before. The bytes are those of a daemon.
+run 0 build dance.glb --at 0 -o served --flags allow-update
+run 0 update served dance.glb --frames 0.5:1.5:0.5 -o served-seq
+kill "$daemon"
+wait "$daemon"
+daemon=
+run 0 --local build dance.glb --at 0 -o alone --flags allow-update --cache kept
+run 0 --local update alone dance.glb --frames 0.5:1.5:0.5 -o alone-seq --cache kept --threads 2
+has '3 frames: 15 updated, 0 built'
+for frame in 0000 0001 0002; do
+    sums served-seq/$frame | grep '\.as$' >before
+    sums alone-seq/$frame | grep '\.as$' >after
+    expect "frame $frame has the bytes of a daemon's" cmp -s before after
+done
+is_right alone-seq/0002 dance.glb
+run 0 --local update alone dance.glb --at 0.5 --cache kept
+has '1 frame: 5 updated, 0 built'
+sums served-seq/0000 | grep '\.as$' >before
+sums alone | grep '\.as$' >after
+expect 'so does an update in place' cmp -s before after
+# The cache has no results of updates, nor anything that was built without it.
+run 0 --local update alone dance.glb --frames 1:2:1 --cache kept
+has '2 frames: 5 updated, 5 built (0 had decayed, 5 were lost, 0 have other active primitives)'
+is_right alone dance.glb
+run 0 --local update alone dance.glb --frames 0:1:1 --no-cache
+has '2 frames: 5 updated, 5 built (0 had decayed, 5 were lost, 0 have other active primitives)'
+# What is built on the way is the next source, also where it comes from the cache.
+for origin in new cached; do
+    run 0 --local build dance.glb --at 0 -o $origin --flags allow-update --cache kept
+    run 0 --local update $origin dance.glb --frames 3:4:1 --decay 0.01 --cache kept
+    has '2 frames: 0 updated, 10 built (10 had decayed, 0 were lost'
+    is_right $origin dance.glb
+done
+run 0 --local build quad.ply -o lone --flags allow-update --cache kept
+run 0 --local update lone nan.ply --cache kept
+has ', built: other primitives are active'
+run 0 --local build dance.glb --at 0 -o native --flags allow-update --probe device --cache kept
+run 0 --local update native dance.glb --at 1.5 --probe device --cache kept
+has '1 frame: 5 updated, 0 built'
+is_right native dance.glb
 
 echo "$checks expectations, $failures of them do not hold"
 [ $failures -eq 0 ]

@@ -13,7 +13,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-#include "builder/batch.h"
+#include "builder/update/batch.h"
 #include "builder/format/lavapipe.h"
 #include "tests/support/builder/random_input.h"
 #include "tests/support/builder/random_top.h"

@@ -21,7 +21,7 @@
 
 #include <bvhd/bvhd_structure.h>
 
-#include "builder/batch.h"
+#include "builder/update/batch.h"
 #include "builder/format/portable.h"
 #include "builder/format/serialized.h"
 #include "builder/piece/embree.h"

@@ -15,7 +15,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "builder/batch.h"
+#include "builder/update/batch.h"
 #include "builder/traverse/lavapipe_traverse.h"
 #include "client/bvhctl/oracle/rays.h"
 #include "tests/support/builder/box_judge.h"

@@ -16,7 +16,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "builder/batch.h"
+#include "builder/update/batch.h"
 #include "tests/support/builder/builders.h"
 #include "tests/support/builder/random_top.h"
 #include "client/bvhctl/oracle/rays.h"

@@ -18,7 +18,7 @@
 #include <sys/stat.h>
 
 #include "tests/support/scene/adversarial.h"
-#include "builder/batch.h"
+#include "builder/update/batch.h"
 #include "client/bvhctl/service/local.h"
 #include "tests/bench/ply_input.h"
 #include "client/bvhctl/oracle/rays.h"

@@ -438,7 +438,7 @@ static enum bvhd_status check_complete(const struct options *options, struct bvh
         return usage(error, "--socket", "makes no sense together with --local", "");
     if (options->socket && !*options->socket)
         return usage(error, "--socket", "an empty name", "");
-    if (options->local && (command & (ON_QUERIES | ON_UPDATE)))
+    if (options->local && (command & ON_QUERIES))
         return usage(error, "--local", "%s needs a daemon", row->name);
     if (options->operand_count < row->fewest)
         return usage(error, row->name, "wants: %s", row->arguments);

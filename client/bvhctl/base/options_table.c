@@ -73,7 +73,7 @@ const struct option_row option_rows[] = {
      "fail unless the connections of all users may be seen, which needs root or the user whom the daemon runs as"},
     {"count", OPTION_COUNT, "N", ON_TOP, "look N times (default: until it is interrupted)"},
     {"interval", OPTION_INTERVAL, "SEC", ON_TOP, "seconds between two looks (default 2)"},
-    {"threads", OPTION_THREADS, "N", ON_BUILD | ON_CHECK | ON_TRACE,
+    {"threads", OPTION_THREADS, "N", ON_BUILD | ON_UPDATE | ON_CHECK | ON_TRACE,
      "number of threads of this process (default: one for each processor); a daemon has its own"},
     {"memory", OPTION_MEMORY, "BYTES", ON_SCENES,
      "limit for geometry and results, beyond which the command fails; K, M, G may follow the number"},
@@ -90,7 +90,7 @@ const struct option_row option_rows[] = {
     {"disk-cache-size", OPTION_DISK_CACHE_SIZE, "BYTES", ON_CACHE,
      "trim: the most that is left (default 10G); K, M, G may follow the number"},
     {"json", OPTION_JSON, NULL, ON_ALL | ON_MAIN, "print the result as one JSON object"},
-    {"local", OPTION_LOCAL, NULL, ON_BUILD | ON_MAIN, "build in this process, without a daemon"},
+    {"local", OPTION_LOCAL, NULL, ON_BUILD | ON_UPDATE | ON_MAIN, "build in this process, without a daemon"},
     {"socket", OPTION_SOCKET, "PATH", ON_BUILD | ON_UPDATE | ON_MAIN,
      "the daemon's socket (default: $BVHD_SOCKET; without it that of a running daemon; if there is none, build starts "
      "a private daemon)"},

@@ -136,7 +136,7 @@ static enum bvhd_status build_bottoms(const struct scene_build *job, struct asse
                                                  .sources = job->sources ? job->sources->items : NULL,
                                                  .items = assembly->items,
                                                  .outcomes = assembly->outcomes,
-                                                 .holds = assembly->holds};
+                                                 .holds = assembly->results.holds};
         status = assemble_run(job, &bottoms);
     }
     bottom_arrays_finish(&arrays, job->import->memory);
@@ -281,7 +281,7 @@ static enum bvhd_status build_described_top(const struct scene_build *job, struc
                                          .sources = job->sources ? &job->sources->items[import->bottom_count] : NULL,
                                          .items = &assembly->items[import->bottom_count],
                                          .outcomes = &assembly->outcomes[import->bottom_count],
-                                         .holds = assembly->holds + 2};
+                                         .holds = assembly->results.holds + 2};
     return assemble_run(job, &top);
 }
 
@@ -312,7 +312,7 @@ enum bvhd_status assemble_update(const struct import *import, const struct optio
                                  struct assembly *ret_assembly, struct bvhd_error *error)
 {
     struct scene_build job = {import, options, sources, backend, error};
-    struct assembly assembly = {.import = import, .backend = backend, .is_update = sources != NULL};
+    struct assembly assembly = {.import = import, .results = {.backend = backend}, .is_update = sources != NULL};
     uint64_t count = (uint64_t)import->bottom_count + 1;
     assembly.items = memory_array(import->memory, count, sizeof *assembly.items);
     assembly.outcomes = memory_array(import->memory, count, sizeof *assembly.outcomes);
@@ -341,12 +341,25 @@ enum bvhd_status assemble(const struct import *import, const struct options *opt
     return assemble_update(import, options, NULL, backend, ret_assembly, error);
 }
 
+struct assembly_holds assembly_take(struct assembly *assembly)
+{
+    struct assembly_holds results = assembly->results;
+    assembly->results = (struct assembly_holds){.backend = NULL};
+    return results;
+}
+
+void assembly_release(struct assembly_holds *results)
+{
+    for (size_t i = sizeof results->holds / sizeof *results->holds; results->backend && i-- > 0;)
+        results->backend->release(results->backend, results->holds[i]);
+    *results = (struct assembly_holds){.backend = NULL};
+}
+
 void assembly_finish(struct assembly *assembly)
 {
     if (!assembly || !assembly->import)
         return;
-    for (size_t i = sizeof assembly->holds / sizeof *assembly->holds; i-- > 0;)
-        assembly->backend->release(assembly->backend, assembly->holds[i]);
+    assembly_release(&assembly->results);
     memory_free(assembly->import->memory, assembly->items);
     memory_free(assembly->import->memory, assembly->outcomes);
     memory_free(assembly->import->memory, assembly->handles);

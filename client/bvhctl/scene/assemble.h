@@ -42,6 +42,12 @@ struct assembly_sources {
     double rays; /* expected for each primitive and update; 0: not known */
 };
 
+/* The owners of an assembly's results. */
+struct assembly_holds {
+    struct backend *backend;
+    void *holds[4]; /* of the bottom levels, then of the top level */
+};
+
 struct assembly {
     const struct import *import;
     struct bvhd_result *items; /* bottom levels in the order of the import, then the top level: bottom_count + 1 */
@@ -51,8 +57,7 @@ struct assembly {
     uint32_t row_count;
     bool is_update; /* it was assembled by assemble_update */
     struct assembly_outcome *outcomes; /* one for each item */
-    struct backend *backend;
-    void *holds[4]; /* owners of the results, which the backend releases: of the bottom levels, then of the top level */
+    struct assembly_holds results;
 };
 
 /*
@@ -70,5 +75,11 @@ enum bvhd_status assemble_update(const struct import *import, const struct optio
 
 /* NULL-safe, idempotent. */
 void assembly_finish(struct assembly *assembly);
+
+/* Takes over the results, which assembly_finish leaves alone then. The backend must live until assembly_release. */
+struct assembly_holds assembly_take(struct assembly *assembly);
+
+/* Releases results that were taken over. A zeroed struct is allowed. */
+void assembly_release(struct assembly_holds *results);
 
 #endif

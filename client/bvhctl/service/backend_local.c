@@ -3,27 +3,35 @@
 
 #include <string.h>
 
-#include "builder/batch.h"
 #include "builder/workers.h"
 #include "client/bvhctl/service/local_cache.h"
 #include "client/format.h"
 #include "client/result_summary.h"
 #include "client/vulkan_input.h"
 #include "proto/base/clock.h"
+#include "proto/base/container_of.h"
 #include "proto/base/timed_parallel.h"
 
 /* The owner of the results' bytes. */
 struct hold {
+    struct hold *next; /* of the backend */
     struct batch_item *items;
     uint32_t count;
+    uint32_t found; /* the item that was found last */
 };
 
 static void release(struct backend *backend, void *context)
 {
-    struct memory *memory = ((struct backend_local *)backend)->context.memory;
+    struct backend_local *local = (struct backend_local *)backend;
+    struct memory *memory = local->context.memory;
     struct hold *hold = context;
     if (!hold)
         return;
+    for (struct hold **at = &local->holds; *at; at = &(*at)->next)
+        if (*at == hold) {
+            *at = hold->next;
+            break;
+        }
     batch_finish(hold->items, hold->count, memory);
     memory_free(memory, hold->items);
     memory_free(memory, hold);
@@ -34,13 +42,36 @@ static struct hold *make_hold(uint32_t count, struct memory *memory)
     struct hold *hold = memory_alloc(memory, sizeof *hold);
     if (!hold)
         return NULL;
-    *hold = (struct hold){memory_array(memory, count, sizeof *hold->items), count};
+    *hold = (struct hold){.items = memory_array(memory, count, sizeof *hold->items), .count = count};
     if (!hold->items) {
         memory_free(memory, hold);
         return NULL;
     }
     memset(hold->items, 0, count * sizeof *hold->items);
     return hold;
+}
+
+/* The updates of a frame ask for the results of the frame before in their order. */
+static const struct batch_item *find_in(struct hold *hold, const struct key *key)
+{
+    for (uint32_t i = 0; i < hold->count; i++) {
+        uint32_t at = (uint32_t)(((uint64_t)hold->found + 1 + i) % hold->count);
+        const struct batch_item *item = &hold->items[at];
+        if (item->blob && item->status == BVHD_OK && key_equal(&item->key, key)) {
+            hold->found = at;
+            return item;
+        }
+    }
+    return NULL;
+}
+
+static const struct batch_item *find_held(struct batch_held *held, const struct key *key)
+{
+    const struct backend_local *local = container_of(held, struct backend_local, held);
+    const struct batch_item *item = NULL;
+    for (struct hold *hold = local->holds; hold && !item; hold = hold->next)
+        item = find_in(hold, key);
+    return item;
 }
 
 static void copy_references(const struct bvhd_build *build, struct reference *references)
@@ -84,6 +115,21 @@ static void copy_results(const struct hold *hold, const struct bvhd_error *error
     }
 }
 
+/* Gives updates the keys of their sources, whose references are in the order of the infos. */
+static void name_sources(const struct bvhd_build *build, const struct reference *references, struct vulkan_input *input)
+{
+    uint32_t at = 0;
+    for (uint32_t i = 0; i < build->info_count; i++) {
+        uint64_t handle = (uint64_t)build->infos[i].srcAccelerationStructure;
+        if (build->infos[i].mode != VK_BUILD_ACCELERATION_STRUCTURE_MODE_UPDATE_KHR)
+            continue;
+        for (uint32_t k = 0; k < build->reference_count && references[at].handle != handle; k++)
+            at = (at + 1) % build->reference_count;
+        if (build->reference_count > 0 && references[at].handle == handle)
+            vulkan_input_set_source_key(input, i, &references[at].key);
+    }
+}
+
 /* Runs a batch that has a deadline; what it cancels has the error of a request to a daemon. */
 static enum bvhd_status run_until(const struct build_context *shared, uint32_t deadline_ms,
                                   const struct batch_call *call, struct batch_item *items, struct bvhd_error *error)
@@ -114,10 +160,12 @@ static enum bvhd_status build_items(struct backend_local *local, const struct bv
     if (status != BVHD_OK) {
         *error = errors[0];
     } else {
+        name_sources(build, references, input);
         const struct batch_call call = {.inputs = vulkan_input_entries(input),
                                         .count = build->info_count,
                                         .limits = &limits,
-                                        .cache = local_cache_of(local->cache)};
+                                        .cache = local_cache_of(local->cache),
+                                        .held = &local->held};
         uint32_t deadline_ms = format_deadline(build);
         status = deadline_ms > 0 ? run_until(&local->context, deadline_ms, &call, hold->items, error)
                                  : batch_run(&call, &local->context, hold->items, error);
@@ -147,6 +195,8 @@ static enum bvhd_status build_here(struct backend *backend, const struct bvhd_bu
     }
     if (status == BVHD_OK) {
         copy_results(hold, errors, ret_results);
+        hold->next = local->holds;
+        local->holds = hold;
         *ret_hold = hold;
     } else {
         release(backend, hold);
@@ -159,7 +209,7 @@ static enum bvhd_status build_here(struct backend *backend, const struct bvhd_bu
 enum bvhd_status backend_local_open(struct backend_local *local, uint32_t threads, struct memory *memory,
                                     struct progress *progress, struct bvhd_error *error)
 {
-    *local = (struct backend_local){.backend = {build_here, release}};
+    *local = (struct backend_local){.backend = {build_here, release}, .held = {find_held}};
     enum bvhd_status status = workers_create(threads, &local->workers, error);
     if (status != BVHD_OK) {
         backend_local_close(local);

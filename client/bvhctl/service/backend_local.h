@@ -1,12 +1,16 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* backend_local.h - builds structures in this process, by the same steps as the service. */
+/*
+ * backend_local.h - builds and updates structures in this process, by the same steps as the service. The sources of
+ * updates are the results that were not released yet, and those of the cache on disk, which has no results of updates.
+ */
 #ifndef BVHCTL_BACKEND_LOCAL_H
 #define BVHCTL_BACKEND_LOCAL_H
 
-#include "builder/context.h"
+#include "builder/update/batch.h"
 #include "client/bvhctl/base/progress.h"
 #include "client/bvhctl/service/backend.h"
 
+struct hold;
 struct local_cache;
 struct options;
 struct workers;
@@ -16,6 +20,8 @@ struct backend_local {
     struct build_context context;
     struct workers *workers;
     struct local_cache *cache; /* NULL: every result is built */
+    struct batch_held held;
+    struct hold *holds; /* the results that were not released yet */
 };
 
 /*

@@ -4,20 +4,22 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "builder/batch.h"
+#include "builder/content_key.h"
 #include "builder/store/generation.h"
 #include "builder/store/store.h"
+#include "builder/update/batch.h"
 #include "client/bvhctl/base/report.h"
 #include "client/bvhctl/service/cache_place.h"
 #include "proto/base/container_of.h"
 
-/* A copy of a result that is to be written. */
+/* A copy of a result, or of its record, that is to be written. */
 struct local_cache_entry {
     struct local_cache_entry *next;
     struct key key;
     unsigned char summary[SUMMARY_SIZE];
+    uint64_t summary_size; /* 0: it is a record */
     uint64_t size;
-    unsigned char *blob;
+    unsigned char *bytes;
     struct bvhd_error error; /* why it was not written; BVHD_OK if it was */
 };
 
@@ -30,67 +32,97 @@ struct local_cache {
     uint64_t pending_count, pending_bytes;
 };
 
-/* Takes an entry of the store into a new blob. */
+/* Takes an entry of the store into a new block. */
 struct reading {
     struct store_sink sink;
     struct memory *memory;
-    struct summary summary;
-    unsigned char *blob;
+    bool is_record;
+    struct summary summary; /* of a result */
+    unsigned char *bytes;
     uint64_t at;
 };
 
 static enum bvhd_status begin(struct store_sink *sink, const struct store_entry *entry, struct bvhd_error *error)
 {
     struct reading *reading = container_of(sink, struct reading, sink);
-    if (entry->summary.size == 0)
-        return bvhd_error_set(error, BVHD_NOT_FOUND, "summary", "the entry is the record of a result");
-    enum bvhd_status status = summary_read(entry->summary, &reading->summary, error);
+    enum bvhd_status status = BVHD_OK;
+    if ((entry->summary.size == 0) != reading->is_record)
+        return bvhd_error_set(error, BVHD_NOT_FOUND, "summary", "the entry is %s",
+                              reading->is_record ? "no record" : "the record of a result");
+    if (!reading->is_record)
+        status = summary_read(entry->summary, &reading->summary, error);
     if (status != BVHD_OK)
         return status;
-    reading->blob = memory_alloc(reading->memory, entry->size);
-    return reading->blob ? BVHD_OK : bvhd_error_no_memory(error, "cache", "no memory for a result on disk");
+    reading->bytes = memory_alloc(reading->memory, entry->size);
+    return reading->bytes ? BVHD_OK : bvhd_error_no_memory(error, "cache", "no memory for a result on disk");
 }
 
 static unsigned char *room(struct store_sink *sink, uint64_t size)
 {
     const struct reading *reading = container_of(sink, struct reading, sink);
     (void)size;
-    return reading->blob + reading->at;
+    return reading->bytes + reading->at;
 }
 
 static enum bvhd_status take(struct store_sink *sink, const void *bytes, uint64_t size, struct bvhd_error *error)
 {
     struct reading *reading = container_of(sink, struct reading, sink);
     (void)error;
-    if (bytes != reading->blob + reading->at)
-        memcpy(reading->blob + reading->at, bytes, size);
+    if (bytes != reading->bytes + reading->at)
+        memcpy(reading->bytes + reading->at, bytes, size);
     reading->at += size;
     return BVHD_OK;
 }
 
-static bool get(struct batch_cache *batch, const struct key *key, struct memory *memory, unsigned char **ret_blob,
-                uint64_t *ret_size, struct summary *ret_summary)
+/* After a failure it holds no memory. */
+static bool read_entry(struct local_cache *cache, const struct key *key, struct reading *reading)
+{
+    struct bvhd_error error;
+    reading->sink = (struct store_sink){begin, room, take};
+    enum bvhd_status status = store_get(cache->store, key, &reading->sink, &error);
+    if (status == BVHD_OK)
+        return true;
+    memory_free(reading->memory, reading->bytes);
+    if (status != BVHD_NOT_FOUND)
+        report_detail("build", "a result on disk cannot be read: %s: %s", error.where, error.text);
+    return false;
+}
+
+static bool read_record(struct local_cache *cache, const struct key *key, struct memory *memory,
+                        struct bytes *ret_record)
+{
+    struct reading reading = {.memory = memory, .is_record = true};
+    struct record record;
+    struct key own;
+    if (content_key_of_record(key, &own, NULL) != BVHD_OK || !read_entry(cache, &own, &reading))
+        return false;
+    *ret_record = (struct bytes){reading.bytes, reading.at};
+    if (record_open(*ret_record, &record, NULL) == BVHD_OK)
+        return true;
+    memory_free(memory, reading.bytes);
+    return false;
+}
+
+static bool get(struct batch_cache *batch, const struct key *key, bool wants_record, struct memory *memory,
+                struct batch_cached *ret_cached)
 {
     struct local_cache *cache = container_of(batch, struct local_cache, cache);
-    struct reading reading = {.sink = {begin, room, take}, .memory = memory};
-    struct bvhd_error error;
-    enum bvhd_status status = store_get(cache->store, key, &reading.sink, &error);
-    if (status != BVHD_OK) {
-        memory_free(memory, reading.blob);
-        if (status != BVHD_NOT_FOUND)
-            report_detail("build", "a result on disk cannot be read: %s: %s", error.where, error.text);
+    struct reading reading = {.memory = memory};
+    struct bytes record = {NULL, 0};
+    if (wants_record && !read_record(cache, key, memory, &record))
+        return false;
+    if (!read_entry(cache, key, &reading)) {
+        memory_free(memory, (void *)(uintptr_t)record.data);
         return false;
     }
-    *ret_blob = reading.blob;
-    *ret_size = reading.at;
-    *ret_summary = reading.summary;
+    *ret_cached = (struct batch_cached){reading.bytes, reading.at, record, reading.summary};
     return true;
 }
 
 static void write_entry(struct local_cache *cache, struct local_cache_entry *entry)
 {
-    const struct store_entry stored = {entry->key, {entry->summary, SUMMARY_SIZE}, entry->size};
-    if (store_put(cache->store, &stored, entry->blob, &entry->error) == BVHD_OK)
+    const struct store_entry stored = {entry->key, {entry->summary, entry->summary_size}, entry->size};
+    if (store_put(cache->store, &stored, entry->bytes, &entry->error) == BVHD_OK)
         entry->error.status = BVHD_OK;
 }
 
@@ -130,7 +162,7 @@ static void flush(struct local_cache *cache)
         cache->pending = entry->next;
         if (entry->error.status != BVHD_OK && entry->error.status != BVHD_TOO_LARGE && failed++ == 0)
             error = entry->error;
-        memory_free(&cache->memory, entry->blob);
+        memory_free(&cache->memory, entry->bytes);
         memory_free(&cache->memory, entry);
     }
     cache->pending_count = cache->pending_bytes = 0;
@@ -139,26 +171,38 @@ static void flush(struct local_cache *cache)
                     error.text);
 }
 
-/* Without memory for the copy the result is not kept. */
-static void put(struct batch_cache *batch, const struct key *key, struct bytes blob, const struct summary *summary)
+/* Queues a copy; without memory for it the bytes are not kept. `summary` is NULL for a record. */
+static void add(struct local_cache *cache, const struct key *key, struct bytes bytes, const struct summary *summary)
 {
-    struct local_cache *cache = container_of(batch, struct local_cache, cache);
-    if (cache->pending_bytes + blob.size > LOCAL_CACHE_PENDING)
+    if (cache->pending_bytes + bytes.size > LOCAL_CACHE_PENDING)
         flush(cache);
     struct local_cache_entry *entry = memory_alloc(&cache->memory, sizeof *entry);
-    unsigned char *copy = memory_alloc(&cache->memory, blob.size);
+    unsigned char *copy = memory_alloc(&cache->memory, bytes.size);
     if (!entry || !copy) {
         memory_free(&cache->memory, entry);
         memory_free(&cache->memory, copy);
         report_detail("build", "a result is not kept on disk: no memory for a copy");
         return;
     }
-    *entry = (struct local_cache_entry){.next = cache->pending, .key = *key, .size = blob.size, .blob = copy};
-    memcpy(copy, blob.data, blob.size);
-    summary_write(summary, entry->summary);
+    *entry = (struct local_cache_entry){.next = cache->pending, .key = *key, .size = bytes.size, .bytes = copy};
+    memcpy(copy, bytes.data, bytes.size);
+    if (summary) {
+        summary_write(summary, entry->summary);
+        entry->summary_size = SUMMARY_SIZE;
+    }
     cache->pending = entry;
     cache->pending_count++;
-    cache->pending_bytes += blob.size;
+    cache->pending_bytes += bytes.size;
+}
+
+static void put(struct batch_cache *batch, const struct key *key, struct bytes blob, struct bytes record,
+                const struct summary *summary)
+{
+    struct local_cache *cache = container_of(batch, struct local_cache, cache);
+    struct key own;
+    add(cache, key, blob, summary);
+    if (record.size > 0 && content_key_of_record(key, &own, NULL) == BVHD_OK)
+        add(cache, &own, record, NULL);
 }
 
 /* If a directory that the user did not name cannot be used, that is no error. */

@@ -5,7 +5,7 @@
 #ifndef BVHD_RANDOM_UPDATE_H
 #define BVHD_RANDOM_UPDATE_H
 
-#include "builder/batch.h"
+#include "builder/update/batch.h"
 #include "builder/update/refit.h"
 #include "tests/support/random.h"
 

@@ -8,7 +8,7 @@
 #ifndef BVHD_TEST_SCENE_H
 #define BVHD_TEST_SCENE_H
 
-#include "builder/batch.h"
+#include "builder/update/batch.h"
 #include "proto/base/geometry.h"
 #include "builder/traverse/lavapipe_traverse.h"
 #include "tests/support/random.h"

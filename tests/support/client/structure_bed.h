@@ -10,7 +10,7 @@
 
 #include <bvhd/bvhd_structure.h>
 
-#include "builder/batch.h"
+#include "builder/update/batch.h"
 #include "client/library.h"
 #include "client/result_blob.h"
 #include "client/vulkan_input.h"

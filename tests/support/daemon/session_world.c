@@ -7,7 +7,7 @@
 #include <time.h>
 #include <unistd.h>
 
-#include "builder/batch.h"
+#include "builder/update/batch.h"
 #include "proto/base/container_of.h"
 #include "tests/support/open_descriptors.h"
 #include "tests/support/random.h"

@@ -2,7 +2,7 @@
 /* test_low_memory.c - tests the memory that builds with LOW_MEMORY take against the bound in bvhd_structure.h. */
 #include "tests/support/unit.h"
 
-#include "builder/batch.h"
+#include "builder/update/batch.h"
 #include "builder/workers.h"
 #include "tests/support/random.h"
 

@@ -2,7 +2,7 @@
 /* test_summary.c - tests that summaries are read as they were written, and that broken ones are refused. */
 #include "tests/support/unit.h"
 
-#include "builder/batch.h"
+#include "builder/update/batch.h"
 #include "builder/summary.h"
 #include "tests/support/builder/random_input.h"
 

@@ -5,7 +5,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "builder/batch.h"
+#include "builder/update/batch.h"
 #include "builder/content_key.h"
 #include "tests/support/builder/test_ir.h"
 #include "builder/tier.h"

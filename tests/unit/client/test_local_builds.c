@@ -10,7 +10,7 @@
 #include <signal.h>
 #include <unistd.h>
 
-#include "builder/batch.h"
+#include "builder/update/batch.h"
 #include "client/vulkan_input.h"
 #include "tests/support/client/local_bed.h"
 

@@ -10,7 +10,7 @@
 
 #include <bvhd/bvhd_vulkan.h>
 
-#include "builder/batch.h"
+#include "builder/update/batch.h"
 #include "builder/traverse/traverse.h"
 
 struct vulkan_bed_options {

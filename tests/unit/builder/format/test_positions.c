@@ -4,7 +4,7 @@
 
 #include <math.h>
 
-#include "builder/batch.h"
+#include "builder/update/batch.h"
 #include "builder/format/positions.h"
 #include "tests/support/builder/random_input.h"
 #include "tests/support/builder/random_update.h"

@@ -2,7 +2,7 @@
 /* test_size_bound.c - tests that no structure is larger than its bound, and that bounds grow with every count. */
 #include "tests/support/unit.h"
 
-#include "builder/batch.h"
+#include "builder/update/batch.h"
 #include "builder/format/serialized.h"
 #include "builder/format/size_bound.h"
 #include "tests/support/builder/builders.h"

@@ -4,7 +4,7 @@
 
 #include <float.h>
 
-#include "builder/batch.h"
+#include "builder/update/batch.h"
 #include "client/library.h"
 #include "builder/format/portable.h"
 #include "tests/support/random.h"

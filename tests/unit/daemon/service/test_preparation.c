@@ -9,7 +9,7 @@
 #include <sys/mman.h>
 #include <unistd.h>
 
-#include "builder/batch.h"
+#include "builder/update/batch.h"
 #include "tests/support/builder/inputs.h"
 #include "daemon/service/preparation.h"
 #include "builder/input/prepare.h"

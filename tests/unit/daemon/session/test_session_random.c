@@ -7,7 +7,7 @@
  */
 #include "tests/support/unit.h"
 
-#include "builder/batch.h"
+#include "builder/update/batch.h"
 #include "tests/support/random.h"
 #include "tests/support/daemon/session_world.h"
 

@@ -125,6 +125,8 @@ static void test_options_anywhere(void **state)
     assert_true(options.json);
     assert_string_equal(options.socket, "s");
     assert_string_equal(options.operands[0], "-x");
+    options = parse_good("bvhctl --local update a b --threads 3 --cache d");
+    assert_true(options.local && options.command == COMMAND_UPDATE && options.threads == 3);
 }
 
 static void test_other_commands(void **state)
@@ -276,7 +278,6 @@ static void test_bad_lines(void **state)
     expect_bad("bvhctl update a b --frames 0:1:1 --at 1", "--frames");
     expect_bad("bvhctl update a b --decay 0", "--decay");
     expect_bad("bvhctl update a b --decay nan", "--decay");
-    expect_bad("bvhctl --local update a b", "--local");
     expect_bad("bvhctl copy a.as", "copy");
     expect_bad("bvhctl query a.as b.as", "b.as");
     expect_bad("bvhctl top --interval x", "--interval");

@@ -1,14 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "builder/batch.h"
+#include "builder/update/batch.h"
 
 #include <string.h>
 
+#include "builder/input/validate.h"
 #include "proto/base/clock.h"
 #include "proto/base/place.h"
-#include "builder/content_key.h"
-#include "builder/input/prepare.h"
-#include "builder/tier.h"
-#include "builder/input/validate.h"
 
 /*
  * Finds built items by their keys. Open addressing: a slot holds an item's index + 1, or 0 when it is free. A key is a
@@ -73,76 +70,129 @@ static void share_item(const struct batch_item *equal, struct batch_item *item)
     item->coalesced = true;
     item->blob = equal->blob;
     item->size = equal->size;
+    item->record = equal->record;
     item->summary = equal->summary;
 }
 
-static bool take_cached(const struct batch *batch, enum target target, struct memory *memory, struct batch_item *item)
+static void free_bytes(struct memory *memory, struct bytes bytes)
+{
+    memory_free(memory, (void *)(uintptr_t)bytes.data);
+}
+
+static void free_cached(struct batch_cached *cached, struct memory *memory)
+{
+    free_bytes(memory, cached->record);
+    memory_free(memory, cached->blob);
+}
+
+/* A structure that may be updated is taken with its record only: without it the updates would have to build. */
+static bool take_cached(const struct batch *batch, const struct build_entry *entry, struct memory *memory,
+                        struct batch_item *item)
 {
     struct batch_cache *cache = batch->call->cache;
-    struct summary summary;
-    unsigned char *blob;
-    uint64_t size;
-    if (!cache || !cache->get(cache, &item->key, memory, &blob, &size, &summary))
+    struct batch_cached cached = {.blob = NULL};
+    if (!cache || entry->is_update || !cache->get(cache, &entry->key, entry->record.header, memory, &cached))
         return false;
-    if (summary.target != target) {
-        memory_free(memory, blob);
+    if (cached.summary.target != entry->options.target) {
+        free_cached(&cached, memory);
         return false;
     }
     item->cached = true;
-    item->blob = blob;
-    item->size = size;
-    item->summary = summary;
+    item->blob = cached.blob;
+    item->size = cached.size;
+    item->record = cached.record;
+    item->summary = cached.summary;
     return true;
 }
 
-static enum bvhd_status build_new(const struct batch *batch, const struct canonical *canonical,
-                                  const struct build_options *options, const struct build_context *context,
-                                  struct batch_item *item)
+/* The item takes the record over. */
+static enum bvhd_status make_new(const struct batch *batch, struct build_entry *entry,
+                                 const struct build_entry_source *source, const struct build_context *context,
+                                 struct batch_item *item)
 {
     struct batch_cache *cache = batch->call->cache;
-    struct build_stats stats;
+    struct build_made made;
     double begin = clock_ms();
-    enum bvhd_status status = build(canonical, options, context, &item->blob, &stats, &item->error);
+    enum bvhd_status status = build_entry_make(entry, source, context, &made, &item->error);
     item->build_ms = clock_ms() - begin;
     if (status != BVHD_OK)
         return status;
-    item->size = stats.sizes.total;
-    item->summary = summary_of(&stats, options->target);
+    item->blob = made.blob;
+    item->size = made.size;
+    item->record = entry->record.bytes;
+    entry->record = (struct record){.owned = NULL};
+    item->summary = made.summary;
     item->summary.build_ms = item->build_ms;
-    item->summary.peak_bytes = atomic_load(&context->memory->peak);
-    if (cache)
-        cache->put(cache, &item->key, (struct bytes){item->blob, item->size}, &item->summary);
+    if (cache && !entry->is_update)
+        cache->put(cache, &item->key, (struct bytes){item->blob, item->size}, item->record, &item->summary);
     return BVHD_OK;
 }
 
-static enum bvhd_status build_item(const struct batch *batch, const struct canonical *canonical,
-                                   const struct build_options *options, const struct build_context *context,
-                                   struct batch_item *item)
+static enum bvhd_status find_or_make(const struct batch *batch, struct build_entry *entry,
+                                     const struct build_entry_source *source, const struct build_context *context,
+                                     struct batch_item *item)
 {
-    enum bvhd_status status = content_key(canonical, options, context, &item->key, &item->error);
-    if (status != BVHD_OK)
-        return status;
+    enum bvhd_status status = BVHD_OK;
+    item->key = entry->key;
     uint32_t *slot = built_find(&batch->built, batch->items, &item->key);
     if (*slot) {
         share_item(&batch->items[*slot - 1], item);
         return BVHD_OK;
     }
-    if (!take_cached(batch, options->target, context->memory, item))
-        status = build_new(batch, canonical, options, context, item);
+    if (!take_cached(batch, entry, context->memory, item))
+        status = make_new(batch, entry, source, context, item);
     if (status == BVHD_OK) {
         memory_hand_up(context->memory, item->blob);
+        memory_hand_up(context->memory, (void *)(uintptr_t)item->record.data);
         *slot = (uint32_t)(item - batch->items) + 1;
     }
     return status;
 }
 
-/* Prepares and builds one item in a memory budget of its own, whose peak is then the item's. */
-static void run_item(struct batch *batch, const struct build_input *input, uint32_t index)
+/* Returns whether there is a source. *ret_read, which is all 0 before, gets it if it had to be read. */
+static bool find_source(const struct batch *batch, const struct key *key, struct memory *memory,
+                        struct batch_cached *ret_read, struct build_entry_source *ret_source)
+{
+    struct batch_cache *cache = batch->call->cache;
+    struct batch_held *held = batch->call->held;
+    const struct batch_item *item = held ? held->find(held, key) : NULL;
+    if (item) {
+        *ret_source = (struct build_entry_source){{item->blob, item->size}, item->record};
+        return true;
+    }
+    if (!cache || !cache->get(cache, key, true, memory, ret_read))
+        return false;
+    *ret_source = (struct build_entry_source){{ret_read->blob, ret_read->size}, ret_read->record};
+    return true;
+}
+
+static enum bvhd_status run_entry(const struct batch *batch, uint32_t index, const struct build_context *context,
+                                  struct batch_item *item)
+{
+    const struct build_input *input = &batch->call->inputs[index];
+    struct batch_cached read = {.blob = NULL};
+    struct build_entry_source source = {0};
+    struct build_entry entry;
+    double begin = clock_ms();
+    bool has_source =
+        input->mode == MODE_UPDATE && find_source(batch, &input->source_key, context->memory, &read, &source);
+    enum bvhd_status status = build_entry_prepare(input, index, batch->call->limits, has_source ? &source : NULL,
+                                                  context, &entry, &item->error);
+    item->prepare_ms = clock_ms() - begin;
+    if (status == BVHD_OK) {
+        status = find_or_make(batch, &entry, &source, context, item);
+        build_entry_finish(&entry, context->memory);
+    }
+    free_cached(&read, context->memory);
+    return status;
+}
+
+/* Makes one item in a memory budget of its own, whose peak is then the item's. */
+static void run_item(struct batch *batch, uint32_t index)
 {
     struct batch_item *item = &batch->items[index];
     struct build_context context = *batch->context;
     struct memory memory;
-    struct canonical canonical;
     if (context_cancelled(&context)) {
         item->status = bvhd_error_set(&item->error, BVHD_CANCELLED, place("infos[%u]", index).text, "cancelled");
         return;
@@ -151,22 +201,8 @@ static void run_item(struct batch *batch, const struct build_input *input, uint3
     context.memory = &memory;
     context.progress = context.progress ? report : NULL;
     context.progress_context = batch;
-    double begin = clock_ms();
-    item->status = prepare(input, index, batch->call->limits, &context, &canonical, &item->error);
-    item->prepare_ms = clock_ms() - begin;
+    item->status = run_entry(batch, index, &context, item);
     memory_explain(&memory, &item->error);
-    if (item->status == BVHD_OK && input->mode == MODE_UPDATE) {
-        item->status = bvhd_error_set(&item->error, BVHD_UNSUPPORTED, place("infos[%u].mode", index).text,
-                                      "a batch of builds does not update");
-        prepare_finish(&canonical, &memory);
-    }
-    if (item->status != BVHD_OK)
-        return;
-    struct build_options options = input->options;
-    options.quality = tier_resolve(&canonical, &options);
-    item->status = build_item(batch, &canonical, &options, &context, item);
-    memory_explain(&memory, &item->error);
-    prepare_finish(&canonical, &memory);
     item->summary.peak_bytes = atomic_load(&memory.peak);
 }
 
@@ -182,7 +218,7 @@ static void run_items(struct batch *batch, const struct bvhd_error *errors)
         batch->items[i].error = errors[i];
         batch->weight = weight_of(&call->inputs[i], call->limits);
         if (errors[i].status == BVHD_OK)
-            run_item(batch, &call->inputs[i], i);
+            run_item(batch, i);
         batch->done += batch->weight;
     }
 }
@@ -217,8 +253,11 @@ enum bvhd_status batch_build(const struct build_input *inputs, uint32_t count, c
 void batch_finish(struct batch_item *items, uint32_t count, struct memory *memory)
 {
     for (uint32_t i = 0; items && i < count; i++) {
-        if (!items[i].coalesced)
+        if (!items[i].coalesced) {
             memory_free(memory, items[i].blob);
+            free_bytes(memory, items[i].record);
+        }
         items[i].blob = NULL;
+        items[i].record = (struct bytes){NULL, 0};
     }
 }

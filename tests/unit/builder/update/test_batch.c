@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* test_batch.c - tests that batch_build() builds each entry by itself, and shares equal ones. */
+/* test_batch.c - tests that a batch builds and updates each entry by itself, and shares equal ones. */
 #include "tests/support/unit.h"
 
-#include "builder/batch.h"
+#include "builder/update/batch.h"
 #include "tests/support/builder/builders.h"
 #include "tests/support/builder/inputs.h"
 #include "builder/format/portable.h"
@@ -218,46 +218,73 @@ struct memory_cache {
     struct batch_cache cache;
     uint32_t count, hits;
     struct key keys[ITEMS];
-    unsigned char *blobs[ITEMS];
-    uint64_t sizes[ITEMS];
+    struct bytes blobs[ITEMS], records[ITEMS];
     struct summary summaries[ITEMS];
     bool changes_target; /* what it returns is not what was asked for */
 };
 
-static bool cache_get(struct batch_cache *batch, const struct key *key, struct memory *memory, unsigned char **ret_blob,
-                      uint64_t *ret_size, struct summary *ret_summary)
+static unsigned char *copy(struct memory *memory, struct bytes bytes)
+{
+    unsigned char *block = memory_alloc(memory, bytes.size);
+    return block ? memcpy(block, bytes.data, bytes.size) : NULL;
+}
+
+/* Without memory it has nothing. */
+static bool cache_get(struct batch_cache *batch, const struct key *key, bool wants_record, struct memory *memory,
+                      struct batch_cached *ret_cached)
 {
     struct memory_cache *cache = (struct memory_cache *)batch;
     for (uint32_t i = 0; i < cache->count; i++) {
         if (!key_equal(key, &cache->keys[i]))
             continue;
-        *ret_blob = memory_alloc(memory, cache->sizes[i]);
-        memcpy(*ret_blob, cache->blobs[i], cache->sizes[i]);
-        *ret_size = cache->sizes[i];
-        *ret_summary = cache->summaries[i];
+        if (wants_record && cache->records[i].size == 0)
+            return false;
+        struct bytes record = {wants_record ? copy(memory, cache->records[i]) : NULL, cache->records[i].size};
+        unsigned char *blob = copy(memory, cache->blobs[i]);
+        if (!blob || (wants_record && !record.data)) {
+            memory_free(memory, blob);
+            memory_free(memory, (void *)(uintptr_t)record.data);
+            return false;
+        }
+        *ret_cached = (struct batch_cached){blob, cache->blobs[i].size, record, cache->summaries[i]};
         if (cache->changes_target)
-            ret_summary->target = TARGET_LAVAPIPE;
+            ret_cached->summary.target = TARGET_LAVAPIPE;
         cache->hits++;
         return true;
     }
     return false;
 }
 
-static void cache_put(struct batch_cache *batch, const struct key *key, struct bytes blob,
+static struct bytes keep(struct bytes bytes)
+{
+    return (struct bytes){bytes.size ? memcpy(malloc(bytes.size), bytes.data, bytes.size) : NULL, bytes.size};
+}
+
+static void cache_put(struct batch_cache *batch, const struct key *key, struct bytes blob, struct bytes record,
                       const struct summary *summary)
 {
     struct memory_cache *cache = (struct memory_cache *)batch;
     assert_true(cache->count < ITEMS);
     cache->keys[cache->count] = *key;
-    cache->blobs[cache->count] = memcpy(malloc(blob.size), blob.data, blob.size);
-    cache->sizes[cache->count] = blob.size;
+    cache->blobs[cache->count] = keep(blob);
+    cache->records[cache->count] = keep(record);
     cache->summaries[cache->count++] = *summary;
+}
+
+/* Drops all but the first `count` entries. */
+static void cache_drop(struct memory_cache *cache, uint32_t count)
+{
+    while (cache->count > count) {
+        cache->count--;
+        free((void *)(uintptr_t)cache->blobs[cache->count].data);
+        free((void *)(uintptr_t)cache->records[cache->count].data);
+    }
 }
 
 static void run_cached(struct memory_cache *cache, struct fixture *f)
 {
     fill(f);
-    const struct batch_call call = {f->inputs, ITEMS, &f->limits, &cache->cache};
+    const struct batch_call call = {f->inputs, ITEMS, &f->limits, &cache->cache, NULL};
     assert_int_equal(batch_run(&call, &f->context, f->items, NULL), BVHD_OK);
 }
 
@@ -288,15 +315,132 @@ static void a_cache_keeps_results_and_no_errors(void **state)
     batch_finish(second.items, ITEMS, &second.memory);
     assert_int_equal(atomic_load(&second.memory.live), 0);
     cache.changes_target = true;
-    while (cache.count > 1)
-        free(cache.blobs[--cache.count]);
+    cache_drop(&cache, 1);
     run_cached(&cache, &second);
     assert_false(second.items[0].cached);
     assert_int_equal(cache.count, 5);
     batch_finish(second.items, ITEMS, &second.memory);
     assert_int_equal(atomic_load(&second.memory.live), 0);
-    for (uint32_t i = 0; i < 5; i++)
-        free(cache.blobs[i]);
+    cache_drop(&cache, 0);
+}
+
+/* ---- updates ---- */
+
+enum { BOXES = 5 }; /* the input with ALLOW_UPDATE */
+
+struct held {
+    struct batch_held held;
+    const struct batch_item *items;
+    int count;
+};
+
+static const struct batch_item *find(struct batch_held *held, const struct key *key)
+{
+    const struct batch_item *items = ((struct held *)held)->items;
+    for (int i = 0; i < ((struct held *)held)->count; i++)
+        if (items[i].blob && key_equal(&items[i].key, key))
+            return &items[i];
+    return NULL;
+}
+
+/* Moves the boxes of an updatable input by `step`, and updates the structure with that key. */
+static void update(struct fixture *f, const struct key *source, float step, struct batch_cache *cache,
+                   struct batch_held *held)
+{
+    fill(f);
+    struct build_input *input = &f->inputs[BOXES];
+    for (int axis = 0; axis < 6; axis++)
+        f->tests[BOXES].boxes[0][axis] += step;
+    input->mode = MODE_UPDATE;
+    input->source = 7;
+    input->source_key = *source;
+    const struct batch_call call = {input, 1, &f->limits, cache, held};
+    assert_int_equal(batch_run(&call, &f->context, f->items, NULL), BVHD_OK);
+}
+
+static void expect_update(const struct batch_item *item, uint32_t refits)
+{
+    assert_int_equal(item->status, BVHD_OK);
+    assert_int_equal(item->summary.refits, refits);
+    assert_true(item->summary.decay > 0 && item->record.size > 0 && !item->cached);
+}
+
+/* The source is a result that is held, one of the cache, or nowhere; the cache gets no updates. */
+static void updates_start_from_what_is_held_or_cached(void **state)
+{
+    (void)state;
+    struct memory_cache cache = {.cache = {cache_get, cache_put}};
+    struct fixture built, held_one, cached_one, second, lost;
+    run_cached(&cache, &built);
+    const uint32_t count = cache.count;
+    struct held held = {{find}, built.items, ITEMS};
+    const struct key *key = &built.items[BOXES].key;
+    update(&held_one, key, 1, NULL, &held.held);
+    expect_update(&held_one.items[0], 1);
+    assert_memory_not_equal(held_one.items[0].blob, built.items[BOXES].blob, built.items[BOXES].size);
+    update(&cached_one, key, 1, &cache.cache, NULL);
+    expect_update(&cached_one.items[0], 1);
+    assert_true(key_equal(&cached_one.items[0].key, &held_one.items[0].key));
+    assert_int_equal(cached_one.items[0].size, held_one.items[0].size);
+    assert_memory_equal(cached_one.items[0].blob, held_one.items[0].blob, held_one.items[0].size);
+    held = (struct held){{find}, cached_one.items, 1};
+    update(&second, &cached_one.items[0].key, 2, &cache.cache, &held.held);
+    expect_update(&second.items[0], 2);
+    assert_int_equal(cache.count, count);
+    update(&lost, &cached_one.items[0].key, 2, &cache.cache, NULL);
+    assert_int_equal(lost.items[0].status, BVHD_SOURCE_LOST);
+    assert_string_equal(lost.items[0].error.where, "infos[0].srcAccelerationStructure");
+    struct fixture *all[] = {&built, &held_one, &cached_one, &second, &lost};
+    for (size_t i = 0; i < sizeof all / sizeof *all; i++) {
+        batch_finish(all[i]->items, i ? 1 : ITEMS, &all[i]->memory);
+        assert_int_equal(atomic_load(&all[i]->memory.live), 0);
+    }
+    cache_drop(&cache, 0);
+}
+
+/* A source without ALLOW_UPDATE has no record: that is told where it is held. */
+static void sources_must_be_updatable(void **state)
+{
+    (void)state;
+    struct fixture built, refused;
+    fill(&built);
+    assert_int_equal(batch_build(built.inputs, ITEMS, &built.limits, &built.context, built.items, NULL), BVHD_OK);
+    struct held held = {{find}, built.items, ITEMS};
+    update(&refused, &built.items[1].key, 1, NULL, &held.held);
+    assert_int_equal(refused.items[0].status, BVHD_INVALID);
+    assert_int_equal(refused.items[0].error.vuid, BVHD_VUID_03667);
+    update(&refused, &built.items[BOXES].key, 1, NULL, NULL);
+    assert_int_equal(refused.items[0].status, BVHD_SOURCE_LOST);
+    batch_finish(built.items, ITEMS, &built.memory);
+    assert_int_equal(atomic_load(&built.memory.live), 0);
+}
+
+/* Without memory for a source that is read, it is lost, which has the caller build. */
+static void failing_allocations_of_updates_leave_nothing(void **state)
+{
+    (void)state;
+    struct memory_cache cache = {.cache = {cache_get, cache_put}};
+    struct fixture built, f;
+    run_cached(&cache, &built);
+    enum bvhd_status status = BVHD_NO_MEMORY;
+    for (int64_t n = 0; status != BVHD_OK; n++) {
+        fill(&f);
+        f.inputs[BOXES].mode = MODE_UPDATE;
+        f.inputs[BOXES].source = 7;
+        f.inputs[BOXES].source_key = built.items[BOXES].key;
+        f.memory.fail_after = n;
+        const struct batch_call call = {&f.inputs[BOXES], 1, &f.limits, &cache.cache, NULL};
+        status = batch_run(&call, &f.context, f.items, NULL);
+        if (status == BVHD_OK) {
+            status = f.items[0].status;
+            batch_finish(f.items, 1, &f.memory);
+        }
+        assert_true(status == BVHD_OK || status == BVHD_NO_MEMORY || status == BVHD_SOURCE_LOST);
+        assert_int_equal(atomic_load(&f.memory.live), 0);
+        assert_true(n < 1000);
+    }
+    batch_finish(built.items, ITEMS, &built.memory);
+    cache_drop(&cache, 0);
 }
 
 int main(void)
@@ -310,6 +454,9 @@ int main(void)
         cmocka_unit_test(a_cancelled_batch_begins_nothing),
         cmocka_unit_test(peaks_are_of_one_item),
         cmocka_unit_test(a_cache_keeps_results_and_no_errors),
+        cmocka_unit_test(updates_start_from_what_is_held_or_cached),
+        cmocka_unit_test(sources_must_be_updatable),
+        cmocka_unit_test(failing_allocations_of_updates_leave_nothing),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
