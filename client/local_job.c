@@ -41,24 +41,6 @@ void local_job_destroy(struct local_job *job)
     memory_free(&library_memory, job);
 }
 
-static struct build_input describe(const struct control_item *asked)
-{
-    return (struct build_input){
-        .type = asked->type,
-        .flags = asked->flags,
-        .mode = asked->mode,
-        .destination = asked->destination,
-        .source = asked->source,
-        .source_key = asked->source_key,
-        .options = {.quality = (enum build_quality)asked->quality,
-                    .target = (enum target)asked->target,
-                    .layout_flags = asked->layout_flags,
-                    .device = asked->device,
-                    .rays_per_primitive = asked->rays_per_primitive,
-                    .builder = (enum build_builder)asked->builder},
-    };
-}
-
 static struct build_context context_of(struct local_job *job, const struct parallel *parallel)
 {
     return (struct build_context){.memory = &job->memory, .parallel = parallel, .cancel = &job->cancel};
@@ -80,7 +62,7 @@ static enum bvhd_status make_copy(struct local_job *job, struct bytes payload, c
     struct build_context context = context_of(job, parallel);
     struct rows_shape shape = {asked->geometry_count, asked->geometry_size, asked->reference_count,
                                asked->reference_size, &job->cancel};
-    struct build_input input = describe(asked);
+    struct build_input input = control_item_input(asked);
     struct build_entry_source source;
     enum bvhd_status status = rows_read(payload, &shape, job->index, &job->memory, &input, &job->error);
     if (status != BVHD_OK)

@@ -46,7 +46,10 @@ static uint64_t geometry_bound(const struct geometry *geometry)
     }
 }
 
-/* The rows of a record's geometries are within GEOMETRY_BYTES. There is a bit for each primitive. */
+/*
+ * The rows of a record's geometries are within GEOMETRY_BYTES. There is a bit for each primitive. The record of the
+ * source, which may come from disk, is as large as that of the update.
+ */
 static uint64_t record_bound(const struct build_input *input)
 {
     uint64_t primitives = 0;
@@ -54,7 +57,7 @@ static uint64_t record_bound(const struct build_input *input)
         return 0;
     for (uint32_t i = 0; i < input->geometry_count; i++)
         primitives = sum(primitives, input->geometries[i].range.primitive_count);
-    return primitives / 8;
+    return input->mode == MODE_UPDATE ? 2 * (primitives / 8) : primitives / 8;
 }
 
 uint64_t preparation_bound(const struct build_input *input)
@@ -140,8 +143,9 @@ struct preparation *preparation_create(const struct control_item *item, uint32_t
         preparation_drop_source(&taken);
         return NULL;
     }
-    *preparation = (struct preparation){
-        .asked = *item, .index = index, .updated = {.blob = taken.updated, .memory = memory}, .within = memory};
+    *preparation =
+        (struct preparation){.asked = *item, .index = index, .updated = {.blob = taken.updated}, .within = memory};
+    preparation->updated.memory = &preparation->memory;
     taken.updated = NULL;
     preparation->source = taken;
     memory_init_within(&preparation->memory, memory, UINT64_MAX);
@@ -212,36 +216,33 @@ static enum bvhd_status check_references(struct preparation *preparation, const 
     return BVHD_OK;
 }
 
+/* The record of a source is part of what was promised, so it is not read before. */
+static enum bvhd_status find_record(struct preparation *preparation, const struct build_input *input,
+                                    const atomic_bool *cancel, struct build_entry_source *ret_source)
+{
+    struct update_source *updated = &preparation->updated;
+    *ret_source = (struct build_entry_source){.blob = {NULL, 0}};
+    if (input->mode != MODE_UPDATE)
+        return BVHD_OK;
+    enum bvhd_status status =
+        update_source_find_record(updated, &input->source_key, preparation->index, cancel, &preparation->error);
+    if (status == BVHD_OK)
+        ret_source->record = update_source_record(updated);
+    return status;
+}
+
 static enum bvhd_status prepare_input(struct preparation *preparation, const struct build_input *input,
                                       const struct build_context *context)
 {
-    const struct build_entry_source source = {
-        .record = preparation->updated.blob ? update_source_record(&preparation->updated) : (struct bytes){NULL, 0}};
-    enum bvhd_status status = check_references(preparation, input);
+    struct build_entry_source source;
+    enum bvhd_status status = find_record(preparation, input, context->cancel, &source);
+    if (status == BVHD_OK)
+        status = check_references(preparation, input);
     if (status == BVHD_OK)
         status = build_entry_prepare(input, preparation->index, preparation->limits, &source, context,
                                      &preparation->entry, &preparation->error);
     memory_explain(&preparation->memory, &preparation->error);
     return status;
-}
-
-static struct build_input describe(const struct preparation *preparation)
-{
-    const struct control_item *asked = &preparation->asked;
-    return (struct build_input){
-        .type = asked->type,
-        .flags = asked->flags,
-        .mode = asked->mode,
-        .destination = asked->destination,
-        .source = asked->source,
-        .source_key = asked->source_key,
-        .options = {.quality = (enum build_quality)asked->quality,
-                    .target = (enum target)asked->target,
-                    .layout_flags = asked->layout_flags,
-                    .device = asked->device,
-                    .rays_per_primitive = asked->rays_per_primitive,
-                    .builder = (enum build_builder)asked->builder},
-    };
 }
 
 /* What the build or the update takes. */
@@ -261,7 +262,7 @@ static enum bvhd_status run(struct preparation *preparation, const struct build_
     const struct control_item *asked = &preparation->asked;
     struct rows_shape shape = {asked->geometry_count, asked->geometry_size, asked->reference_count,
                                asked->reference_size, context->cancel};
-    struct build_input input = describe(preparation);
+    struct build_input input = control_item_input(asked);
     struct bytes bytes;
     enum bvhd_status status = find_bytes(preparation, &bytes);
     if (status == BVHD_OK)

@@ -74,8 +74,8 @@ static bool is_record(struct bytes bytes)
     return record_open(bytes, &record, NULL) == BVHD_OK;
 }
 
-static enum bvhd_status find_record(struct update_source *source, const struct key *key, uint32_t index,
-                                    const atomic_bool *cancel, struct bvhd_error *error)
+enum bvhd_status update_source_find_record(struct update_source *source, const struct key *key, uint32_t index,
+                                           const atomic_bool *cancel, struct bvhd_error *error)
 {
     if (update_source_record(source).size > 0)
         return BVHD_OK;
@@ -99,8 +99,7 @@ enum bvhd_status update_source_find(struct update_source *source, const struct k
             return status;
         source->is_read = status == BVHD_OK;
     }
-    return source->blob ? find_record(source, key, index, cancel, error)
-                        : build_entry_source_lost(key, index, "the structure is not there", error);
+    return source->blob ? BVHD_OK : build_entry_source_lost(key, index, "the structure is not there", error);
 }
 
 void update_source_finish(struct update_source *source)

@@ -22,12 +22,15 @@ struct update_source {
 };
 
 /*
- * Looks on disk for what is missing. Blocks: for workers. A source that was built without ALLOW_UPDATE is found, and
- * has no record. Returns BVHD_SOURCE_LOST, with the key in the text, for a source that is not there, or whose record is
- * not; BVHD_CANCELLED; BVHD_NO_MEMORY, and BVHD_BUSY without free descriptors. `index` is the item's, for errors.
+ * Looks on disk for a blob that is missing, and then for its record, which takes `memory`. Blocks: for workers. A
+ * source that was built without ALLOW_UPDATE is found, and has no record. Returns BVHD_SOURCE_LOST, with the key in the
+ * text, for a source that is not there, or whose record is not; BVHD_CANCELLED; BVHD_NO_MEMORY, and BVHD_BUSY without
+ * free descriptors. `index` is the item's, for errors.
  */
 enum bvhd_status update_source_find(struct update_source *source, const struct key *key, uint32_t index,
                                     const atomic_bool *cancel, struct bvhd_error *error);
+enum bvhd_status update_source_find_record(struct update_source *source, const struct key *key, uint32_t index,
+                                           const atomic_bool *cancel, struct bvhd_error *error);
 
 /* Returns the record; no bytes: the source was built without ALLOW_UPDATE. */
 struct bytes update_source_record(const struct update_source *source);

@@ -95,6 +95,9 @@ struct control_item {
     struct key source_key; /* of an update; all 0: not given */
 };
 
+/* Returns what the item asks for, unchecked, and without the rows of its payload, which rows_read adds. */
+struct build_input control_item_input(const struct control_item *item);
+
 /*
  * FRAME_BUILD: requests several structures. A priority beyond PRIORITY_LOW .. PRIORITY_HIGH counts as the nearest one.
  */

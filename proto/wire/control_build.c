@@ -39,6 +39,24 @@ _Static_assert(ITEM_ROW_SHORTEST == 80 && ITEM_ROW_BUILDERLESS == 120 && ITEM_RO
 _Static_assert(sizeof(struct control_item) <= 2 * ITEM_ROW_SHORTEST,
                "the plain items of a message take at most twice its bytes (control.h)");
 
+struct build_input control_item_input(const struct control_item *item)
+{
+    return (struct build_input){
+        .type = item->type,
+        .flags = item->flags,
+        .mode = item->mode,
+        .destination = item->destination,
+        .source = item->source,
+        .source_key = item->source_key,
+        .options = {.quality = (enum build_quality)item->quality,
+                    .target = (enum target)item->target,
+                    .layout_flags = item->layout_flags,
+                    .device = item->device,
+                    .rays_per_primitive = item->rays_per_primitive,
+                    .builder = (enum build_builder)item->builder},
+    };
+}
+
 static struct item_row item_to_row(const struct control_item *item)
 {
     struct item_row row = {

@@ -247,6 +247,13 @@ static struct world_client *restart(void)
     return world_join(&world);
 }
 
+static struct world_client *restart_with_disk(void)
+{
+    assert_non_null(mkdtemp(strcpy(directory, "/tmp/bvhd-update-XXXXXX")));
+    with_disk = true;
+    return restart();
+}
+
 static int files; /* whose names are keys */
 
 static int count_one(const char *path, const struct stat *about, int type, struct FTW *at)
@@ -260,9 +267,7 @@ static int count_one(const char *path, const struct stat *about, int type, struc
 static void test_sources_on_disk(void **state)
 {
     (void)state;
-    assert_non_null(mkdtemp(directory));
-    with_disk = true;
-    struct world_client *client = restart();
+    struct world_client *client = restart_with_disk();
     struct world_mesh mesh;
     updatable_mesh(&mesh, 4000);
     struct key source = update_build(client, &mesh.input);
@@ -286,13 +291,46 @@ static void test_sources_on_disk(void **state)
     world_mesh_finish(&mesh);
 }
 
+static bool has_ended(void *context)
+{
+    const struct counters counters = world_counters(context);
+    return counters.builds_running == 0 && counters.memory_promised == 0;
+}
+
+/* Returns what is promised to an update that is prepared. */
+static uint64_t promised_to(struct world_client *client, const struct build_input *update, const struct key *source)
+{
+    world_await(&world, has_ended, &world);
+    world_hold_builds(&world);
+    uint64_t before = world_counters(&world).memory_promised, request = update_ask(client, update, source);
+    world_await_state(client, request, 0, ITEM_JOINED);
+    uint64_t promised = world_counters(&world).memory_promised - before;
+    world_release_builds(&world);
+    assert_int_equal(update_await(client, request)->result->error.status, BVHD_OK);
+    return promised;
+}
+
+/* A record that comes from disk is memory that admission knows of. */
+static void test_records_from_disk_are_promised(void **state)
+{
+    (void)state;
+    struct world_client *client = restart_with_disk();
+    struct world_mesh mesh;
+    const uint64_t record = sizeof(struct record_header) + sizeof(struct record_geometry);
+    updatable_mesh(&mesh, 4000);
+    struct key source = update_build(client, &mesh.input);
+    const struct build_input update = update_of(&mesh.input);
+    uint64_t without = promised_to(client, &update, &source);
+    client = restart();
+    assert_true(promised_to(client, &update, &source) >= without + record);
+    world_mesh_finish(&mesh);
+}
+
 /* The key of a record names no result, and asking for it does no harm. */
 static void test_records_are_no_results(void **state)
 {
     (void)state;
-    assert_non_null(mkdtemp(strcpy(directory, "/tmp/bvhd-update-XXXXXX")));
-    with_disk = true;
-    struct world_client *client = restart();
+    struct world_client *client = restart_with_disk();
     struct world_mesh mesh;
     struct bvhd_error error;
     struct key record;
@@ -313,9 +351,7 @@ static void test_records_are_no_results(void **state)
 static void test_sources_on_disk_without_record(void **state)
 {
     (void)state;
-    assert_non_null(mkdtemp(strcpy(directory, "/tmp/bvhd-update-XXXXXX")));
-    with_disk = true;
-    struct world_client *client = restart();
+    struct world_client *client = restart_with_disk();
     struct world_mesh mesh;
     updatable_mesh(&mesh, 50);
     struct key updatable = update_build(client, &mesh.input), record;
@@ -418,12 +454,6 @@ static void test_cancelling(void **state)
     world_mesh_finish(&mesh);
 }
 
-static bool has_ended(void *context)
-{
-    const struct counters counters = world_counters(context);
-    return counters.builds_running == 0 && counters.memory_promised == 0;
-}
-
 /* An update that was cancelled after it had begun has not failed. */
 static void test_cancelled_refits_are_counted(void **state)
 {
@@ -453,8 +483,6 @@ static void test_cancelled_refits_are_counted(void **state)
 
 /* ---- shortages ---- */
 
-enum { LARGE = 20000 };
-
 /* Updates that wait for memory, of which a block leaves them half of what they need. */
 struct squeeze {
     struct world_client *client;
@@ -469,17 +497,16 @@ struct squeeze {
 /* Finds out what an update needs, then asks for `count` of them, and for nothing else. */
 static void squeeze_init(struct squeeze *squeeze, uint32_t count)
 {
-    struct memory *memory;
     world_restart(&world, 32 << 20);
-    memory = &world.service->memory;
+    struct memory *memory = &world.service->memory;
     squeeze->client = world_join(&world);
-    updatable_mesh(&squeeze->mesh, LARGE);
+    updatable_mesh(&squeeze->mesh, 20000);
     update_make(&squeeze->mesh.input, NULL, &squeeze->built);
     squeeze->update = update_of(&squeeze->mesh.input);
     squeeze->source = update_build(squeeze->client, &squeeze->mesh.input);
     uint64_t request = update_ask(squeeze->client, &squeeze->update, &squeeze->source);
     uint64_t needed = update_await(squeeze->client, request)->result->summary.peak_bytes;
-    assert_true(needed > LARGE);
+    assert_true(needed > 50000);
     world_await(&world, has_ended, &world);
     world_hold_builds(&world);
     for (uint32_t i = 0; i < count; i++) {
@@ -557,6 +584,7 @@ int main(void)
         cmocka_unit_test_setup_teardown(test_sources_are_held, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_no_cache, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_sources_on_disk, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(test_records_from_disk_are_promised, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_records_are_no_results, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_sources_on_disk_without_record, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_handles, set_up, tear_down),
