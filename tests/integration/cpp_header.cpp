@@ -6,6 +6,7 @@
 #include <bvhd/bvhd.hpp>
 #include <bvhd/bvhd_cpu.hpp>
 #include <bvhd/bvhd_scene.hpp>
+#include <bvhd/bvhd_structure.hpp>
 
 #include <array>
 #include <cstdio>
@@ -172,6 +173,36 @@ void test_cpu(const bvhd::Blob &blob)
     expect("half a structure", bvhd::CpuScene::create({&half, 1}).error().status == BVHD_CORRUPT);
 }
 
+/* An indirect build, and an object that holds its result. */
+void test_structure(const bvhd::Client &client)
+{
+    Scene scene;
+    const void *address = &scene.range;
+    const std::uint32_t stride = 0, maximum = 1, *maxima = &maximum;
+    bvhd_indirect indirect = {};
+    indirect.info_count = 1;
+    indirect.infos = &scene.info;
+    indirect.addresses = &address;
+    indirect.strides = &stride;
+    indirect.max_primitive_counts = &maxima;
+    auto ranges = bvhd::IndirectRanges::read(indirect).value();
+    scene.range.primitiveCount = 2; /* it has been read */
+    auto batch = client.submit({&scene.info, 1}, ranges.span()).value();
+    batch.wait();
+    const auto result = batch.result(0).value();
+    VkAccelerationStructureCreateInfoKHR create = {};
+    create.sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_CREATE_INFO_KHR;
+    create.type = VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR;
+    create.size = 1 << 16;
+    auto structure = bvhd::Structure::create(create).value();
+    expect("an empty object", structure.handle() != VK_NULL_HANDLE && !structure.state().is_built);
+    expect("no positions yet", !structure.positions(0, 0));
+    expect("it holds the result",
+           structure.hold(scene.info, ranges.span()[0], *result.operator->()) && structure.state().is_built);
+    expect("its positions", structure.positions(0, 0).value()[1][0] > 0.99f);
+    expect("over the maximum", bvhd::IndirectRanges::read(indirect).error().status == BVHD_INVALID);
+}
+
 void test_container(const char *path)
 {
     auto container = bvhd::Container::open(path).value();
@@ -213,6 +244,7 @@ int main(int argc, char **argv)
         const bvhd::Client client = make_client();
         test_build(client, blob);
         test_errors(client);
+        test_structure(client);
         test_service(client);
     }
     test_lifetimes();
