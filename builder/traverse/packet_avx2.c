@@ -13,9 +13,14 @@
 
 enum { ALONE = 2 }; /* up to ALONE rays go on alone */
 
-/* Returns the slots whose boxes the bundle meets, and lower bounds of where. */
+/* The planes of a node's children relative to the origins of the bundle: those that rays meet first, and last. */
+struct moved_planes {
+    float near[3][8], far[3][8];
+};
+
+/* Returns the slots whose boxes the bundle meets, lower bounds of where, and the planes for test_lanes(). */
 BOXTEST_AVX2_INLINE unsigned test_bundle(const struct packet *packet, const struct unpacked_node *node,
-                                         uint32_t ret_near[8])
+                                         uint32_t ret_near[8], struct moved_planes *ret_planes)
 {
     __m256 near = _mm256_set1_ps(-INFINITY), far = _mm256_set1_ps(INFINITY);
     for (int axis = 0; axis < 3; axis++) {
@@ -25,6 +30,8 @@ BOXTEST_AVX2_INLINE unsigned test_bundle(const struct packet *packet, const stru
                                            _mm256_broadcast_ss(&packet->near_origin[axis]));
         const __m256 last = _mm256_sub_ps(_mm256_loadu_ps(node->planes[packet->planes.far[axis]]),
                                           _mm256_broadcast_ss(&packet->far_origin[axis]));
+        _mm256_storeu_ps(ret_planes->near[axis], first);
+        _mm256_storeu_ps(ret_planes->far[axis], last);
         near = _mm256_max_ps(near, _mm256_min_ps(_mm256_mul_ps(first, least), _mm256_mul_ps(first, greatest)));
         far = _mm256_min_ps(far, _mm256_max_ps(_mm256_mul_ps(last, least), _mm256_mul_ps(last, greatest)));
     }
@@ -37,14 +44,14 @@ BOXTEST_AVX2_INLINE unsigned test_bundle(const struct packet *packet, const stru
 }
 
 /* Returns the lanes that meet a child's box. */
-BOXTEST_AVX2_INLINE uint32_t test_lanes(const struct packet *packet, const struct unpacked_node *node, unsigned slot)
+BOXTEST_AVX2_INLINE uint32_t test_lanes(const struct packet *packet, const struct moved_planes *planes, unsigned slot)
 {
     __m256 first[3], last[3];
     for (int axis = 0; axis < 3; axis++) {
-        first[axis] = _mm256_fmsub_ps(_mm256_broadcast_ss(&node->planes[packet->planes.near[axis]][slot]),
-                                      packet->inverse[axis], packet->moved[axis]);
-        last[axis] = _mm256_fmsub_ps(_mm256_broadcast_ss(&node->planes[packet->planes.far[axis]][slot]),
-                                     packet->inverse[axis], packet->moved[axis]);
+        first[axis] = _mm256_fmsub_ps(_mm256_broadcast_ss(&planes->near[axis][slot]), packet->inverse[axis],
+                                      packet->near_moved[axis]);
+        last[axis] = _mm256_fmsub_ps(_mm256_broadcast_ss(&planes->far[axis][slot]), packet->inverse[axis],
+                                     packet->far_moved[axis]);
     }
     __m256 near = _mm256_max_ps(_mm256_max_ps(first[0], first[1]), first[2]),
            far = _mm256_min_ps(_mm256_min_ps(last[0], last[1]), last[2]);
@@ -243,13 +250,14 @@ BOXTEST_AVX2_INLINE void find_closest(struct packet *packet, uint32_t lanes, boo
             }
         } else {
             const struct unpacked_node *node = &packet->nodes[child & CHILD_INDEX_MASK];
+            struct moved_planes planes;
             uint32_t near[8];
-            unsigned slots = test_bundle(packet, node, near);
+            unsigned slots = test_bundle(packet, node, near, &planes);
             uint64_t *base = top;
             count_step(packet, lanes);
             for (; slots != 0; slots &= slots - 1) {
                 unsigned slot = (unsigned)__builtin_ctz(slots);
-                uint32_t met = test_lanes(packet, node, slot) & lanes;
+                uint32_t met = test_lanes(packet, &planes, slot) & lanes;
                 if (met == 0)
                     continue;
                 uint64_t entry = pack(near[slot], met, node->children[slot]), *at = top++;
@@ -292,13 +300,14 @@ BOXTEST_AVX2_INLINE void find_any(struct packet *packet, uint32_t root_lanes, bo
             continue;
         }
         const struct unpacked_node *node = &packet->nodes[index];
+        struct moved_planes planes;
         uint32_t met[8], near[8];
-        unsigned slots = test_bundle(packet, node, near);
+        unsigned slots = test_bundle(packet, node, near, &planes);
         count_step(packet, lanes);
         unsigned inner = 0;
         for (; slots != 0; slots &= slots - 1) {
             unsigned slot = (unsigned)__builtin_ctz(slots);
-            met[slot] = test_lanes(packet, node, slot) & lanes & packet->live;
+            met[slot] = test_lanes(packet, &planes, slot) & lanes & packet->live;
             if (met[slot] == 0)
                 continue;
             if (node->children[slot] < CHILD_ROOT)

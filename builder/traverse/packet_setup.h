@@ -3,12 +3,14 @@
  * packet_setup.h - up to eight rays side by side: their data, and their preparation for boxes and triangles. Internal
  * to packet_avx2.c.
  *
- * The error bounds are those of boxtest.h, with the largest slack of the axes. A ray meets a plane at p * inverse -
- * origin * inverse, computed with one fused operation. With u = 2^-24 the reciprocal is off by u, the second product by
- * u and the difference by u, so that the distance is off by 2u of itself and u |origin * inverse|: the slack has 2u of
- * the latter, and 8u of the distance are allowed for, which covers the roundings of these sums too. The test of the
- * bundle computes (p - origin) * inverse at the ends of the intervals of origins and reciprocals, between which the
- * products of all rays lie; its error is at most 3u of the distance.
+ * The error bounds are those of boxtest.h, with the largest slack of the axes. Planes p and origins o are taken
+ * relative to a corner c of the bundle's origins, so that structures far from the origin of their space lose no digits:
+ * a ray meets a plane at (p - c) * inverse - (o - c) * inverse, whose first product and difference are one fused
+ * operation. With u = 2^-24 the reciprocal, which both products share, is off by u, each bracket by u, the second
+ * product by u and the difference by u. As |p - c| is at most |p - o| + |o - c|, the distance is off by 3u of itself
+ * and 3u |(o - c) * inverse|: the slack has 4u of the latter, and 8u of the distance are allowed for, which covers the
+ * roundings of these sums too. The test of the bundle computes (p - c) * inverse at the ends of the intervals of
+ * origins and reciprocals, between which the products of all rays lie; its error is at most 3u of the distance.
  *
  * A ray in an instance's space is known in double. Its reciprocals are computed in double and rounded once, so that
  * they are off by u, too. The rounding of its origins to float, times the reciprocals, is added to the slack, which
@@ -42,10 +44,12 @@ struct packet {
     struct packet_triangles triangles[2];
     const int *orders[3]; /* the axes in the order of triangle_ray, by main axis */
     bool is_mixed; /* the rays have several main axes; else all orders are the same */
-    __m256 origin[3], direction[3], inverse[3], moved[3]; /* moved is origin * inverse */
+    __m256 origin[3], direction[3], inverse[3];
+    __m256 near_moved[3], far_moved[3]; /* the origins relative to near_origin and far_origin, times inverse */
     __m256d exact_origin[3][2], exact_direction[3][2]; /* by axis, and by half of the lanes */
     __m256 rounding; /* in t: how far the rounding of the origins to float moves planes */
-    __m256 tmin, tmax, slack;
+    __m256 tmin, tmax;
+    __m256 slack_alone, slack; /* without and with what the bundle adds */
     struct boxtest_planes planes;
     uint32_t backward;
     /* The bundle: the origins that make near and far planes come nearest and farthest, and the ends of the rest. */
@@ -190,11 +194,10 @@ BOXTEST_AVX2_INLINE void packet_to_object(struct packet *packet, const struct pa
  * Prepares the rays for boxes; returns the lanes for which float tests can be trusted and no axis is parallel. The
  * limits are stricter than those of boxtest.h by a factor, so that a lane can also go on alone.
  */
-BOXTEST_AVX2_INLINE uint32_t packet_init(struct packet *packet, uint32_t lanes)
+BOXTEST_AVX2 static uint32_t packet_init(struct packet *packet, uint32_t lanes)
 {
     const float *bounds = packet->view->header->bounds;
     __m256 speed = _mm256_setzero_ps(), reach = _mm256_setzero_ps(), at_axis = _mm256_setzero_ps();
-    __m256 moved = _mm256_setzero_ps();
     __m256 sizes = _mm256_setzero_ps(), shortest = _mm256_set1_ps(INFINITY);
     float corner = 0;
     for (int axis = 0; axis < 3; axis++) {
@@ -210,8 +213,6 @@ BOXTEST_AVX2_INLINE uint32_t packet_init(struct packet *packet, uint32_t lanes)
         shortest = _mm256_min_ps(shortest, size);
         reach = _mm256_max_ps(reach, distance);
         at_axis = _mm256_max_ps(at_axis, _mm256_mul_ps(distance, absolute_lanes(inverse)));
-        packet->moved[axis] = _mm256_mul_ps(origin, inverse);
-        moved = _mm256_max_ps(moved, absolute_lanes(packet->moved[axis]));
     }
     if (!(corner >= (float)structure_min && corner <= (float)range_max))
         return 0;
@@ -225,8 +226,7 @@ BOXTEST_AVX2_INLINE uint32_t packet_init(struct packet *packet, uint32_t lanes)
     const __m256 slack = _mm256_fmadd_ps(
         t_reach, _mm256_set1_ps((float)(1.001 * t_error)),
         _mm256_fmadd_ps(packet->rounding, _mm256_set1_ps(1.001f), _mm256_set1_ps((float)underflow_error)));
-    packet->slack = _mm256_fmadd_ps(at_axis, _mm256_set1_ps((float)(1.001 * corner_error)),
-                                    _mm256_fmadd_ps(moved, _mm256_set1_ps(0x1p-23f), slack));
+    packet->slack_alone = _mm256_fmadd_ps(at_axis, _mm256_set1_ps((float)(1.001 * corner_error)), slack);
     return lanes;
 }
 
@@ -250,9 +250,16 @@ BOXTEST_AVX2_INLINE uint32_t packet_octant(const struct packet *packet, uint32_t
     return lanes;
 }
 
-/* Finds the bundle around the lanes, which have one octant. */
-BOXTEST_AVX2_INLINE void packet_bundle(struct packet *packet, uint32_t lanes)
+/* Returns the origins relative to a coordinate, times the reciprocals. */
+BOXTEST_AVX2_INLINE __m256 moved_from(const struct packet *packet, int axis, float from)
 {
+    return _mm256_mul_ps(_mm256_sub_ps(packet->origin[axis], _mm256_set1_ps(from)), packet->inverse[axis]);
+}
+
+/* Finds the bundle around the lanes, which have one octant. */
+BOXTEST_AVX2 static void packet_bundle(struct packet *packet, uint32_t lanes)
+{
+    __m256 moved = _mm256_setzero_ps();
     const __m256 mask = lane_mask(lanes), low = _mm256_set1_ps(-INFINITY), high = _mm256_set1_ps(INFINITY);
     packet->backward = (uint32_t)(_mm256_movemask_ps(packet->inverse[0]) >> __builtin_ctz(lanes) & 1) |
                        (uint32_t)(_mm256_movemask_ps(packet->inverse[1]) >> __builtin_ctz(lanes) & 1) << 1 |
@@ -267,7 +274,12 @@ BOXTEST_AVX2_INLINE void packet_bundle(struct packet *packet, uint32_t lanes)
         packet->greatest[axis] = greatest_lane(_mm256_blendv_ps(low, packet->inverse[axis], mask));
         packet->planes.near[axis] = (uint32_t)(axis + (back ? 3 : 0));
         packet->planes.far[axis] = (uint32_t)(axis + (back ? 0 : 3));
+        packet->near_moved[axis] = moved_from(packet, axis, packet->near_origin[axis]);
+        packet->far_moved[axis] = moved_from(packet, axis, packet->far_origin[axis]);
+        moved = _mm256_max_ps(
+            moved, _mm256_max_ps(absolute_lanes(packet->near_moved[axis]), absolute_lanes(packet->far_moved[axis])));
     }
+    packet->slack = _mm256_fmadd_ps(moved, _mm256_set1_ps(0x1p-22f), packet->slack_alone);
     packet->bundle_tmin = least_lane(_mm256_blendv_ps(high, packet->tmin, mask));
     packet->bundle_slack = greatest_lane(_mm256_blendv_ps(low, packet->slack, mask));
 }
@@ -279,7 +291,7 @@ BOXTEST_AVX2_INLINE __m256d choose(__m256d x, __m256d y, __m256d z, const struct
 }
 
 /* Prepares the rays for triangles, after the bundle. */
-BOXTEST_AVX2_INLINE void packet_triangles_init(struct packet *packet, uint32_t lanes)
+BOXTEST_AVX2 static void packet_triangles_init(struct packet *packet, uint32_t lanes)
 {
     const __m256d sign = _mm256_set1_pd(-0.0);
     uint32_t y_lanes = 0, z_lanes = 0;

@@ -71,6 +71,19 @@ static void far_away(struct random *random, uint32_t index, float ret_corners[3]
         ret_corners[k][0] += 1e5f;
 }
 
+enum { FAR_OUT = 1 << 23 };
+
+/* Small triangles at whole coordinates where floats are a unit apart. */
+static void far_out(struct random *random, uint32_t index, float ret_corners[3][3])
+{
+    (void)random;
+    for (int k = 0; k < 3; k++) {
+        ret_corners[k][0] = (float)(FAR_OUT + (int)(index % 23) + (k == 1));
+        ret_corners[k][1] = (float)((int)(index / 23) + (k == 2));
+        ret_corners[k][2] = (float)(index % 3);
+    }
+}
+
 static void tiny(struct random *random, uint32_t index, float ret_corners[3][3])
 {
     soup(random, index, ret_corners);
@@ -421,6 +434,31 @@ static void rays_without_coherence_go_alone(void **state)
     bed_close(&bed);
 }
 
+/* Far from the origin of their space, where a float has few digits left, rays in packets visit no more nodes. */
+static void distance_from_the_origin_costs_no_visits(void **state)
+{
+    struct traverse_counters together = {0, 0, 0}, singly = {0, 0, 0};
+    struct ray rays[TRAVERSE_GROUP];
+    struct ray_hit hits[TRAVERSE_GROUP], hit;
+    struct bed bed;
+    (void)state;
+    bed_open(&bed, far_out, 0, QUALITY_BALANCED);
+    bed_unpack(&bed);
+    struct traverse_stream stream = {.scene = &bed.unpacked, .counters = &together};
+    const bool is_possible = traverse_groups_pay(&stream);
+    for (uint32_t i = 0; i < TRAVERSE_GROUP; i++)
+        rays[i] = (struct ray){.origin = {FAR_OUT, (float)(i % 8), -20},
+                               .direction = {0.3f + 0.02f * (float)(i / 8), 0.3f, 1},
+                               .tmax = FLT_MAX,
+                               .cull_mask = 0xff};
+    const uint64_t is_hit = traverse_group(&stream, rays, TRAVERSE_GROUP, hits);
+    for (uint32_t i = 0; i < TRAVERSE_GROUP; i++)
+        assert_int_equal(is_hit >> i & 1, traverse(&bed.unpacked, &rays[i], NULL, &hit, &singly));
+    assert_true(is_hit != 0);
+    assert_true(!is_possible || 4 * together.nodes < 5 * singly.nodes);
+    bed_close(&bed);
+}
+
 /* Every corner of a leaf's triangles lies in the boxes above it, if nothing was split. */
 static void check_boxes(const struct bed *bed, uint32_t index, const float box[6], uint32_t *triangles)
 {
@@ -471,6 +509,7 @@ int main(void)
         cmocka_unit_test(instances_have_the_answers_of_single_rays),
         cmocka_unit_test(any_number_of_rays_has_the_answers_of_single_rays),
         cmocka_unit_test(rays_without_coherence_go_alone),
+        cmocka_unit_test(distance_from_the_origin_costs_no_visits),
         cmocka_unit_test(boxes_hold_their_triangles),
     };
     return cmocka_run_group_tests_name("traverse_group", tests, NULL, NULL);
