@@ -194,7 +194,7 @@ BOXTEST_AVX2_INLINE void packet_to_object(struct packet *packet, const struct pa
  * Prepares the rays for boxes; returns the lanes for which float tests can be trusted and no axis is parallel. The
  * limits are stricter than those of boxtest.h by a factor, so that a lane can also go on alone.
  */
-BOXTEST_AVX2 static uint32_t packet_init(struct packet *packet, uint32_t lanes)
+BOXTEST_AVX2_INLINE uint32_t packet_init(struct packet *packet, uint32_t lanes)
 {
     const float *bounds = packet->view->header->bounds;
     __m256 speed = _mm256_setzero_ps(), reach = _mm256_setzero_ps(), at_axis = _mm256_setzero_ps();
@@ -257,7 +257,7 @@ BOXTEST_AVX2_INLINE __m256 moved_from(const struct packet *packet, int axis, flo
 }
 
 /* Finds the bundle around the lanes, which have one octant. */
-BOXTEST_AVX2 static void packet_bundle(struct packet *packet, uint32_t lanes)
+BOXTEST_AVX2_INLINE void packet_bundle(struct packet *packet, uint32_t lanes)
 {
     __m256 moved = _mm256_setzero_ps();
     const __m256 mask = lane_mask(lanes), low = _mm256_set1_ps(-INFINITY), high = _mm256_set1_ps(INFINITY);
