@@ -38,9 +38,23 @@ struct messages {
 static inline void messages_fill(struct messages *all)
 {
     memset(all, 0, sizeof *all);
-    all->hello = (struct control_hello){1, 7, "libbvhd 0.1.0", 200, true};
-    all->welcome = (struct control_welcome){3,          "bvhd 0.1.0", 64, 4096, 1 << 20, 1 << 16, UINT64_C(64) << 20,
-                                            UINT64_MAX, 12345678901,  3,  true};
+    /* Assigning whole structs could change the padding, and tests compare all bytes. */
+    all->hello.version_min = 1;
+    all->hello.version_max = 7;
+    strcpy(all->hello.software, "libbvhd 0.1.0");
+    all->hello.progress_ms = 200;
+    all->hello.releases = true;
+    all->welcome.version = 3;
+    strcpy(all->welcome.software, "bvhd 0.1.0");
+    all->welcome.credits = 64;
+    all->welcome.max_items = 4096;
+    all->welcome.max_control = 1 << 20;
+    all->welcome.max_inline = 1 << 16;
+    all->welcome.max_pool = UINT64_C(64) << 20;
+    all->welcome.max_payload = UINT64_MAX;
+    all->welcome.max_held = 12345678901;
+    all->welcome.builders = 3;
+    all->welcome.updates = true;
     all->released.bytes = UINT64_MAX - 5;
     all->pool.size = UINT64_C(1) << 40;
     all->build =
