@@ -14,24 +14,6 @@ double hostile_now(void)
     return (double)time.tv_sec * 1e3 + (double)time.tv_nsec * 1e-6;
 }
 
-void hostile_watch_start(const struct hostile *hostile, struct hostile_watch *ret_watch)
-{
-    ret_watch->count = process_waits(hostile->service.pid, ret_watch->waits);
-    ret_watch->begin = hostile_now();
-}
-
-double hostile_watch_ms(const struct hostile *hostile, const struct hostile_watch *watch)
-{
-    struct process_wait now[PROCESS_MOST_WAITS];
-    double took = hostile_now() - watch->begin, longest = 0;
-    uint32_t count = process_waits(hostile->service.pid, now);
-    for (uint32_t i = 0; i < count; i++)
-        for (uint32_t k = 0; k < watch->count; k++)
-            if (now[i].thread == watch->waits[k].thread && now[i].ms - watch->waits[k].ms > longest)
-                longest = now[i].ms - watch->waits[k].ms;
-    return longest < took ? took - longest : 0;
-}
-
 void hostile_expect(bool good, const char *format, ...)
 {
     if (good)

@@ -7,7 +7,6 @@
 #ifndef BVHD_HOSTILE_H
 #define BVHD_HOSTILE_H
 
-#include "tests/support/daemon/process_view.h"
 #include "tests/support/daemon/raw_client.h"
 #include "tests/support/daemon/service_process.h"
 
@@ -44,20 +43,5 @@ uint64_t hostile_counter(struct hostile *hostile, const char *name);
 void hostile_expect_clean(struct hostile *hostile, const char *when, double limit_ms);
 
 double hostile_now(void); /* milliseconds of a monotonic clock */
-
-/* Measures the time that the daemon takes, whatever other programs run on this machine. */
-struct hostile_watch {
-    double begin;
-    uint32_t count; /* threads of the daemon at the start */
-    struct process_wait waits[PROCESS_MOST_WAITS];
-};
-
-void hostile_watch_start(const struct hostile *hostile, struct hostile_watch *ret_watch);
-
-/*
- * Returns the milliseconds since the start, less those for which one of the daemon's threads waited for a processor: of
- * that thread which waited longest.
- */
-double hostile_watch_ms(const struct hostile *hostile, const struct hostile_watch *watch);
 
 #endif

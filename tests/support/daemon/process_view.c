@@ -117,31 +117,3 @@ uint64_t process_result_bytes(const pid_t *pids, uint32_t count)
     free(files.seen);
     return files.bytes;
 }
-
-/* Reads the second number of a thread's schedstat, which counts nanoseconds. */
-static double thread_waited_ms(const char *path)
-{
-    unsigned long long ran = 0, waited = 0;
-    FILE *file = fopen(path, "re");
-    if (!file)
-        return 0;
-    int count = fscanf(file, "%llu %llu", &ran, &waited);
-    fclose(file);
-    return count == 2 ? (double)waited * 1e-6 : 0;
-}
-
-uint32_t process_waits(pid_t pid, struct process_wait ret_waits[PROCESS_MOST_WAITS])
-{
-    char folder[64], path[512];
-    uint32_t count = 0;
-    snprintf(folder, sizeof folder, "/proc/%d/task", (int)pid);
-    DIR *directory = opendir(folder);
-    for (const struct dirent *entry; directory && count < PROCESS_MOST_WAITS && (entry = readdir(directory));) {
-        snprintf(path, sizeof path, "%s/%s/schedstat", folder, entry->d_name);
-        if (entry->d_name[0] != '.')
-            ret_waits[count++] = (struct process_wait){atoi(entry->d_name), thread_waited_ms(path)};
-    }
-    if (directory)
-        closedir(directory);
-    return count;
-}

@@ -37,17 +37,6 @@ void process_descriptors_text(const struct process_descriptors *descriptors, cha
  */
 uint64_t process_private_bytes(pid_t pid);
 
-/* For how many milliseconds a thread has been ready to run without a processor to run on. */
-struct process_wait {
-    pid_t thread;
-    double ms;
-};
-
-enum { PROCESS_MOST_WAITS = 64 };
-
-/* Returns the number of the process's threads that it tells of. */
-uint32_t process_waits(pid_t pid, struct process_wait ret_waits[PROCESS_MOST_WAITS]);
-
 /* Returns the bytes of the memfds of results that these processes have open, each counted once. */
 uint64_t process_result_bytes(const pid_t *pids, uint32_t count);
 
