@@ -84,7 +84,8 @@ static struct bvhd_batch *make(struct bvhd_client *client, struct bvhd_batch *la
         build.references = &source;
         build.reference_count = 1;
         info.mode = VK_BUILD_ACCELERATION_STRUCTURE_MODE_UPDATE_KHR;
-        info.srcAccelerationStructure = info.dstAccelerationStructure = (VkAccelerationStructureKHR)1; /* in place */
+        /* in place */
+        info.srcAccelerationStructure = info.dstAccelerationStructure = (VkAccelerationStructureKHR)1;
     }
     must(bvhd_batch_submit(client, &build, &batch, &error), &error);
     bvhd_batch_wait(batch, -1);
