@@ -487,7 +487,8 @@ BVHD_API enum bvhd_status bvhd_reference_from_result(const struct bvhd_result *r
 
 /*
  * Takes another reference and returns `blob`. The bytes are freed with the last reference; bvhd_blob_unref allows NULL.
- * Results of up to 64 KiB of a batch with more than 2 MiB of them share memory: one that is kept keeps up to 4 MiB.
+ * If a batch has more than 2 MiB of results that a daemon sends inside messages, which are those of up to 64 KiB, they
+ * share blocks of memory: one result that is kept keeps up to 4 MiB.
  */
 BVHD_API struct bvhd_blob *bvhd_blob_ref(struct bvhd_blob *blob);
 BVHD_API void bvhd_blob_unref(struct bvhd_blob *blob);

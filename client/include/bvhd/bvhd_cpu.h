@@ -252,10 +252,10 @@ BVHD_API enum bvhd_status bvhd_cpu_scene_corners(const struct bvhd_cpu_scene *sc
 
 /*
  * Gives the corners of a triangle without a hit: by its bottom level, the number of its geometry, and its number there.
- * A portable structure was built with ALLOW_DATA_ACCESS, for which its scene holds 4 bytes more for each triangle; a
- * native one does not tell its flags, and needs none. The positions and the places "geometry" and "primitive" of errors
- * are those of bvhd_structure_positions (bvhd_structure.h). Returns BVHD_INVALID at the place "blob" for one that is no
- * bottom level of this scene, or was built without the flag.
+ * A portable structure must have been built with ALLOW_DATA_ACCESS, for which its scene holds 4 bytes more for each
+ * triangle; a native one does not tell its flags, and needs none. The positions and the places "geometry" and
+ * "primitive" of errors are those of bvhd_structure_positions (bvhd_structure.h). Returns BVHD_INVALID at the place
+ * "blob" for one that is no bottom level of this scene, or was built without the flag.
  */
 BVHD_API enum bvhd_status bvhd_cpu_scene_positions(const struct bvhd_cpu_scene *scene, uint32_t blob, uint32_t geometry,
                                                    uint32_t primitive, float ret_positions[3][3],

@@ -5,11 +5,13 @@
  *
  *     bvhd::IndirectRanges ranges = bvhd::IndirectRanges::read(indirect).value();
  *     bvhd::Batch batch = client.submit(infos, ranges.span()).value();
+ *     batch.wait();
  *     bvhd::Structure structure = bvhd::Structure::create(create_info).value();
  *     structure.hold(infos[0], ranges.span()[0], *bvhd_batch_result(batch.get(), 0)).value();
  *
  * Objects can be moved but not copied. The calls that take only Vulkan's structs, such as bvhd_structure_copy, are used
- * as they are, with handles of objects. Errors are those of bvhd_values.hpp.
+ * as they are, with handles of objects. Rules and threads are those of bvhd_structure.h, errors those of
+ * bvhd_values.hpp.
  */
 #ifndef BVHD_BVHD_STRUCTURE_HPP
 #define BVHD_BVHD_STRUCTURE_HPP
@@ -24,11 +26,11 @@
 namespace bvhd
 {
 
-/* The ranges of indirect builds, which were read once. */
+/* Ranges of indirect builds. The object owns copies of them, so that the memory they were read from may change. */
 class IndirectRanges
 {
   public:
-    /* Reads ranges; struct_size is set here. */
+    /* Reads ranges, as bvhd_indirect_read does, and sets struct_size. */
     static Expected<IndirectRanges> read(bvhd_indirect indirect)
     {
         const VkAccelerationStructureBuildRangeInfoKHR *const *ranges = nullptr;
@@ -38,7 +40,7 @@ class IndirectRanges
             return error;
         return IndirectRanges(ranges, indirect.info_count);
     }
-    /* A pointer for each info, as Client::submit takes them. They live as long as this object. */
+    /* Returns a pointer for each info, as Client::submit takes them. They live as long as this object. */
     Span<const VkAccelerationStructureBuildRangeInfoKHR *const> span() const
     {
         return {ranges_.get(), count_};
@@ -63,6 +65,7 @@ class IndirectRanges
 class Structure
 {
   public:
+    /* Creates an object that is empty. */
     static Expected<Structure> create(const VkAccelerationStructureCreateInfoKHR &info)
     {
         bvhd_structure *structure = nullptr;
@@ -71,7 +74,7 @@ class Structure
             return error;
         return Structure(structure);
     }
-    /* What stands for the object in Vulkan's structs. */
+    /* Returns the handle that stands for the object in Vulkan's structs. */
     VkAccelerationStructureKHR handle() const
     {
         return bvhd_structure_handle(structure_.get());
@@ -85,13 +88,14 @@ class Structure
             return error;
         return {};
     }
+    /* Returns what the object holds. `data` lives until it holds something else, or ends. */
     bvhd_structure_state state() const
     {
         bvhd_structure_state state = {};
         bvhd_structure_get(structure_.get(), &state);
         return state;
     }
-    /* The corners of a triangle of a structure that was built with ALLOW_DATA_ACCESS. */
+    /* Returns the corners of a triangle, as bvhd_structure_positions gives them. It needs ALLOW_DATA_ACCESS. */
     Expected<std::array<std::array<float, 3>, 3>> positions(std::uint32_t geometry, std::uint32_t primitive) const
     {
         float numbers[3][3];
