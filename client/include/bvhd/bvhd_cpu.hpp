@@ -98,7 +98,7 @@ class CpuScene
             return traced.error();
         return hit;
     }
-    /* Returns the corners of a triangle, as bvhd_cpu_scene_positions gives them. It needs ALLOW_DATA_ACCESS. */
+    /* Returns the corners of a triangle, as bvhd_cpu_scene_positions gives them. */
     Expected<std::array<std::array<float, 3>, 3>> positions(std::uint32_t blob, std::uint32_t geometry,
                                                             std::uint32_t primitive) const
     {
