@@ -14,10 +14,10 @@
 
 enum { SUMMARY_SIZE = 200 };
 
-/* The summary of a structure of that layout. The caller adds what `stats` does not tell; it is 0 until then. */
+/* Returns the summary of a structure of that layout. What `stats` does not tell is 0; the caller adds it. */
 struct summary summary_of(const struct build_stats *stats, enum target target);
 
-/* The summary is that of a build, with a method that exists, not of an update. */
+/* Writes the summary of a build, whose method exists; an update's has no form on disk. */
 void summary_write(const struct summary *summary, unsigned char ret_bytes[SUMMARY_SIZE]);
 
 /*

@@ -55,8 +55,8 @@ void local_job_destroy(struct local_job *job);
 void local_job_prepare(struct local_job *job, const struct parallel *parallel);
 
 /*
- * Builds the structure of a copy that was made. Sets `status`, `error`, `blob` and `summary`. It may be called
- * again after BVHD_CANCELLED.
+ * Builds the structure of a copy that was made. Sets `status`, `error`, `blob` and `summary`. It may be called again
+ * after BVHD_CANCELLED.
  */
 void local_job_build(struct local_job *job, const struct parallel *parallel);
 

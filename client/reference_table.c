@@ -79,8 +79,8 @@ static enum bvhd_status take_given(struct reference_table *table, struct bvhd_er
 }
 
 /*
- * Takes what an info builds, instead of the reference that it updates in place or behind all others. A reference that
- * an info builds over is none any more: whoever names it breaks a rule between infos.
+ * Takes what an info builds, instead of the reference that it updates in place or behind all others. A reference over
+ * which an info builds is not found any more: an info that names it breaks a rule between infos.
  */
 static void take_built(struct reference_table *table, uint32_t info)
 {

@@ -4,8 +4,8 @@
  * blocks of 4 MiB, which lie on huge pages: faults on fresh small pages would take longer than all else that a client
  * does for such a result.
  *
- * A block lives as long as any result in it. So that a batch never holds more than twice the memory of its results, the
- * first RESULT_BLOCKS_FROM bytes do not use blocks.
+ * A block lives as long as any result in it. The first RESULT_BLOCKS_FROM bytes of a batch do not use blocks, so that
+ * the pages of a batch take at most about twice the bytes of its results.
  */
 #ifndef BVHD_RESULT_BLOCKS_H
 #define BVHD_RESULT_BLOCKS_H
@@ -25,8 +25,8 @@ struct result_blocks {
 
 /*
  * Returns 64-byte aligned memory for a result of `size` bytes, and its block, which the caller gives back with
- * result_block_unref. Returns NULL if the result is to have memory of its own: it is one of the first, it is as large
- * as a block, or there is no memory for one.
+ * result_block_unref. Returns NULL if the result is to have memory of its own: it is one of the first, it is larger
+ * than half a block, or there is no memory for a block.
  */
 void *result_blocks_take(struct result_blocks *blocks, uint64_t size, struct result_block **ret_block);
 

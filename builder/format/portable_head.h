@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * portable_head.h - what comes before the body of a portable structure, and how large its parts are; for all that write
- * such structures.
+ * portable_head.h - writes what comes before the body of a portable structure, and tells how large its parts are, for
+ * builds and refits alike.
  */
 #ifndef BVHD_PORTABLE_HEAD_H
 #define BVHD_PORTABLE_HEAD_H

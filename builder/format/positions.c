@@ -27,7 +27,7 @@ static struct positions *make(struct memory *memory, uint32_t record_count, stru
     return made;
 }
 
-/* A triangle whose reference was split has several records, which say the same. */
+/* Fills the table. A triangle whose reference was split has several records, which say the same. */
 static void number_records(const struct portable_view *view, uint32_t *records)
 {
     const bool is_indexed = view->header->content == PORTABLE_INDEXED_TRIANGLES;

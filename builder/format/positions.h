@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * positions.h - the corners of triangles by their numbers in the request, from serialized structures: for programs that
- * build with ALLOW_DATA_ACCESS and read positions without a ray.
+ * positions.h - finds the corners of triangles in serialized structures by their numbers in the request, for programs
+ * that build with ALLOW_DATA_ACCESS and read positions without a ray.
  *
  * A portable structure stores triangles in the order of its tree, so that a table of 4 bytes a primitive finds them.
- * The leaves of a native one are in the order of the request, and are searched. Neither refers to the bytes: they are
- * given to each call, so that copies of a structure can share one struct positions.
+ * The leaves of a native one are in the order of the request, and are searched. A struct positions does not refer to
+ * the bytes, which are given to each call, so that copies of a structure can share it.
  */
 #ifndef BVHD_POSITIONS_H
 #define BVHD_POSITIONS_H
@@ -17,15 +17,15 @@
 struct positions;
 
 /*
- * Prepares a structure that has been opened, of triangles or not. The caller ends its use with positions_unref. Returns
- * BVHD_NO_MEMORY, at the place "data".
+ * Makes a struct positions, which the caller ends with positions_unref, of a structure that has been opened, whatever
+ * its primitives are. Returns BVHD_NO_MEMORY, at the place "data".
  */
 enum bvhd_status positions_of_portable(struct bytes blob, const struct portable_view *view, struct memory *memory,
                                        struct positions **ret_positions, struct bvhd_error *error);
 enum bvhd_status positions_of_lavapipe(struct bytes blob, const struct lavapipe_view *view, struct memory *memory,
                                        struct positions **ret_positions, struct bvhd_error *error);
 
-/* Count one user more, and one less: the last one frees them. NULL is allowed. Both may be called from any thread. */
+/* Count one more user, and one fewer, of whom the last one frees it. NULL is allowed. For any thread. */
 struct positions *positions_ref(struct positions *positions);
 void positions_unref(struct positions *positions);
 

@@ -5,7 +5,7 @@
 
 enum { LARGE = 4096, CHUNK_LEAST = 1024, CHUNKS_MOST = 16 };
 
-/* What one task finds out about its refs. */
+/* The result of one task about its refs. */
 struct chunk {
     struct vec4_box centroids;
     struct bins bins;
@@ -66,7 +66,7 @@ static void add_chunk(void *context, size_t index)
     bins_add(bins, &cut->mapping, refs, count);
 }
 
-/* Does what bins_centroids and bins_find do. */
+/* Finds the plane on all threads, as bins_centroids and bins_find do on one. */
 static bool find_together(const struct primitive_ref *refs, uint32_t count, const struct parallel *parallel,
                           struct bins_mapping *ret_mapping, struct bins_plane *ret_plane)
 {

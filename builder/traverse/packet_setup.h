@@ -27,9 +27,10 @@
 enum { LANES = 8 };
 
 /*
- * What packets cost, in visits of nodes by single rays: a step of a packet, with what it does in leaves; a step of rays
- * with several main axes, whose triangles take more instructions and whose branches are hard to predict; and the second
- * preparation of a ray that goes on alone. They are fitted to times of packets and of single rays in ten scenes.
+ * The costs of packets, in visits of nodes by single rays: of a step of a packet, with its tests in leaves; of a step
+ * of rays with several main axes, whose triangles take more instructions and whose branches are hard to predict; and of
+ * the second preparation of a ray that goes on alone. They are fitted to times of packets and of single rays in ten
+ * scenes.
  */
 enum { COST_STEP = 3, COST_MIXED = 6, COST_ALONE = 4 };
 

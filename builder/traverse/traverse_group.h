@@ -17,14 +17,14 @@ struct traverse_stream {
     struct traverse_counters *counters; /* may be NULL */
     /* These are all 0 at first. */
     uint32_t alone; /* the number of next rays that are best traced alone, because packets did not pay */
-    uint32_t pause; /* how many these were at first */
+    uint32_t pause; /* what `alone` was after the last decision; 0: packets paid */
     uint32_t groups; /* since the last decision; then the visits of their rays in packets, and what these cost */
     uint64_t visits_together, cost;
 };
 
-/* What packets did. */
+/* The work of packets. */
 struct packet_work {
-    struct traverse_counters counters; /* what the rays did together */
+    struct traverse_counters counters; /* of the steps that rays made together */
     uint64_t cost; /* in visits of nodes by single rays */
 };
 

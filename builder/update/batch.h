@@ -54,7 +54,7 @@ struct batch_cache {
                 const struct summary *summary);
 };
 
-/* Finds the results of earlier batches that were not finished yet, for updates; NULL: there is none of this key. */
+/* Finds the sources of updates among the results of earlier batches; NULL: there is none of this key. */
 struct batch_held {
     const struct batch_item *(*find)(struct batch_held *held, const struct key *key);
 };

@@ -14,7 +14,7 @@
 
 enum { FRAMES = 24, SIDE = 64, TRIANGLES = 2 * (SIDE - 1) * (SIDE - 1) };
 
-/* For a balanced build and about one ray a primitive and frame; more rays want a smaller number. */
+/* This suits a balanced build and about one ray for each primitive and frame; with more rays a smaller number pays. */
 static const double most_decay = 1.7;
 
 static float vertices[SIDE * SIDE * 3];
@@ -60,7 +60,7 @@ static void make_triangles(void)
     }
 }
 
-/* Twists a sheet by a quarter turn each four frames. */
+/* Twists a sheet by a quarter turn every four frames. */
 static void move_vertices(int frame)
 {
     for (int i = 0; i < SIDE * SIDE; i++) {

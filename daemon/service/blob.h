@@ -89,8 +89,8 @@ enum bvhd_status blob_writer_append(struct blob_writer *writer, const void *byte
                                     struct bvhd_error *error);
 
 /*
- * Makes a blob with one ref of what was written, and seals it. The caller fills in key and summary before it
- * shares the blob. On failure, with a status as above, the writer holds nothing.
+ * Makes a blob with one ref of what was written, and seals it. The caller fills in key and summary before it shares the
+ * blob. On failure, with a status as above, the writer holds nothing.
  */
 enum bvhd_status blob_writer_finish(struct blob_writer *writer, struct blob **ret_blob, struct bvhd_error *error);
 

@@ -48,8 +48,8 @@ enum bvhd_status disk_read(struct disk *disk, const struct key *key, const atomi
                            struct bvhd_error *error);
 
 /*
- * To be called after results that were read have been sent. Prepares for the next ones, which takes a while, on a
- * thread.
+ * Prepares memory for the next results that are read, which takes a while, on a thread. To be called when those that
+ * were read have been sent.
  */
 void disk_rest(struct disk *disk);
 

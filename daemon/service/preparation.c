@@ -48,7 +48,7 @@ static uint64_t geometry_bound(const struct geometry *geometry)
 
 /*
  * The rows of a record's geometries are within GEOMETRY_BYTES. There is a bit for each primitive. The record of the
- * source, which may come from disk, is as large as that of the update.
+ * source, which may come from disk, is as large as that of the update if that keeps Vulkan's rules.
  */
 static uint64_t record_bound(const struct build_input *input)
 {

@@ -84,8 +84,8 @@ void preparation_run(struct preparation *preparation, const struct parallel *par
 void preparation_destroy(struct preparation *preparation);
 
 /*
- * Returns an upper bound on the bytes that prepare() and content_key() take for an input, rows included; UINT64_MAX if
- * it does not fit 64 bits.
+ * Returns an upper bound on the bytes that prepare() and content_key() take for an input, with its rows and with the
+ * records of an update that keeps Vulkan's rules; UINT64_MAX if it does not fit 64 bits.
  */
 uint64_t preparation_bound(const struct build_input *input);
 

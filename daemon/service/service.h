@@ -53,7 +53,7 @@ void service_destroy(struct service *service);
  */
 bool service_collect(struct service *service);
 
-/* To be called when the replies of an iteration have been written: begins work that no client waits for. */
+/* Begins work that no client waits for. To be called when the replies of an iteration have been written. */
 void service_rest(struct service *service);
 
 /* From here on, sessions answer new requests with UNAVAILABLE. What is under way goes on. */

@@ -22,10 +22,10 @@ struct update_source {
 };
 
 /*
- * Looks on disk for a blob that is missing, and then for its record, which takes `memory`. Blocks: for workers. A
- * source that was built without ALLOW_UPDATE is found, and has no record. Returns BVHD_SOURCE_LOST, with the key in the
- * text, for a source that is not there, or whose record is not; BVHD_CANCELLED; BVHD_NO_MEMORY, and BVHD_BUSY without
- * free descriptors. `index` is the item's, for errors.
+ * The first looks on disk for a blob that is missing; the second, which is called after it, for the blob's record,
+ * whose bytes come from `memory`. Both block: for workers. A source that was built without ALLOW_UPDATE is found, and
+ * has no record. Returns BVHD_SOURCE_LOST, with the key in the text, for a source that is not there, or whose record is
+ * not; BVHD_CANCELLED; BVHD_NO_MEMORY, and BVHD_BUSY without free descriptors. `index` is the item's, for errors.
  */
 enum bvhd_status update_source_find(struct update_source *source, const struct key *key, uint32_t index,
                                     const atomic_bool *cancel, struct bvhd_error *error);

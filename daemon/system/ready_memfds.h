@@ -45,8 +45,8 @@ void ready_memfds_leave(struct ready_memfds *ready);
 bool ready_memfds_take(struct ready_memfds *ready, uint64_t size, struct memfd *ret_memfd);
 
 /*
- * Begins to prepare what is missing. It is a call of its own, so that a thread that reads, and whoever waits for it, do
- * not compete with the preparation. Does not block.
+ * Begins to prepare what is missing. It is a call of its own, so that the preparation does not compete with a thread
+ * that reads, nor with the client that waits for the result.
  */
 void ready_memfds_prepare(struct ready_memfds *ready);
 

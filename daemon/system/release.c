@@ -29,7 +29,7 @@ struct release_list {
     struct release *first, *last;
 };
 
-/* A list that threads work on. They end when it has been empty for a while. */
+/* A list that threads work on. They end when it has been empty for idle_ms. */
 struct release_queue {
     pthread_mutex_t mutex;
     pthread_cond_t filled;
@@ -50,7 +50,7 @@ static struct release_queue own = {
 static struct release_queue foreign = {
     .mutex = PTHREAD_MUTEX_INITIALIZER, .filled = PTHREAD_COND_INITIALIZER, .most_threads = RELEASE_FOREIGN_THREADS};
 
-/* Of a thread that calls release_flush: what it has released since. */
+/* Each thread has its own: whether it calls release_flush, and the releases that wait for its next call. */
 static _Thread_local bool is_flushing;
 static _Thread_local struct release_list unflushed;
 

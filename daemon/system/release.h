@@ -4,7 +4,7 @@
  * moment later, on threads of this module. A descriptor that is not closed yet lingers (descriptors.h). All functions
  * can be called from any thread; none reports an error.
  *
- * Freeing the pages of a memfd takes the system some 50 us for each MiB, when the last reference to them goes. Small
+ * Freeing the pages of a memfd takes the system 50 to 200 us for each MiB, when the last reference to them goes. Small
  * ones are therefore released at once, those of RELEASE_LATER_MIN bytes and more later.
  */
 #ifndef BVHD_RELEASE_H
@@ -15,8 +15,9 @@
 enum { RELEASE_LATER_MIN = 1024 * 1024 };
 
 /*
- * For the loop, which calls it each time that it has written its replies, so that no client waits for memory to be
- * freed. From the first call on, what the calling thread releases later is begun at its next call.
+ * Begins the slow releases that the calling thread has asked for. The loop calls it each time that it has written its
+ * replies, so that no client waits for memory to be freed. Once a thread has called it, its slow releases of mappings
+ * and memfds wait for its next call.
  */
 void release_flush(void);
 

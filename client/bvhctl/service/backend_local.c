@@ -51,7 +51,7 @@ static struct hold *make_hold(uint32_t count, struct memory *memory)
     return hold;
 }
 
-/* The updates of a frame ask for the results of the frame before in their order. */
+/* Begins behind the item that was found last, because the updates of a frame ask for results in their order. */
 static const struct batch_item *find_in(struct hold *hold, const struct key *key)
 {
     for (uint32_t i = 0; i < hold->count; i++) {

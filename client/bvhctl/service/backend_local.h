@@ -26,8 +26,7 @@ struct backend_local {
 
 /*
  * With `threads` 0 there is one thread for each processor. All allocations come from `memory`; the progress of builds
- * is drawn by `progress`. Both must outlive the backend. End with
- * backend_local_close; the struct must not be moved.
+ * is drawn by `progress`. Both must outlive the backend. End with backend_local_close; the struct must not be moved.
  */
 enum bvhd_status backend_local_open(struct backend_local *local, uint32_t threads, struct memory *memory,
                                     struct progress *progress, struct bvhd_error *error);
