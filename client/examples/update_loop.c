@@ -64,7 +64,8 @@ static void make_triangles(void)
 static void move_vertices(int frame)
 {
     for (int i = 0; i < SIDE * SIDE; i++) {
-        const float x = (float)(i % SIDE) / SIDE - 0.5f, y = (float)i / (SIDE * SIDE), turn = 0.4f * (float)frame * y;
+        const float x = (float)(i % SIDE) / (float)SIDE - 0.5f, y = (float)i / (float)(SIDE * SIDE),
+                    turn = 0.4f * (float)frame * y;
         vertices[3 * i] = x * cosf(turn);
         vertices[3 * i + 1] = 2 * y;
         vertices[3 * i + 2] = x * sinf(turn);

@@ -182,7 +182,8 @@ class _Request:
 
 
 def _reference_of(value: Any) -> Reference:
-    return value if isinstance(value, Reference) else value.reference()  # type: ignore
+    reference: Reference = value if isinstance(value, Reference) else value.reference()
+    return reference
 
 
 class Batch:
