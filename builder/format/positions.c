@@ -14,37 +14,51 @@ struct positions {
     enum { HOLDS_OTHERS, HOLDS_INDEXED, HOLDS_TRIANGLES, HOLDS_LEAVES } kind;
     uint64_t records_at, vertices_at, geometries_at; /* offsets in the blob; records are the leaves of a native one */
     uint32_t geometry_count, leaf_count;
+    uint32_t record_count; /* portable */
+    bool is_sparse; /* portable: there is no table, and records are searched */
     uint32_t records[]; /* portable: the record of each primitive, counted through all geometries */
 };
 
-static struct positions *make(struct memory *memory, uint32_t record_count, struct bvhd_error *error)
+static struct positions *make(struct memory *memory, uint32_t rows, struct bvhd_error *error)
 {
-    struct positions *made = memory_alloc(memory, sizeof *made + (uint64_t)record_count * sizeof made->records[0]);
+    struct positions *made = memory_alloc(memory, sizeof *made + (uint64_t)rows * sizeof made->records[0]);
     if (made)
         *made = (struct positions){.users = 1, .memory = memory, .kind = HOLDS_OTHERS};
     else
-        bvhd_error_no_memory(error, "data", "no memory to find %" PRIu32 " triangles", record_count);
+        bvhd_error_no_memory(error, "data", "no memory to find %" PRIu32 " triangles", rows);
     return made;
+}
+
+static uint32_t id_of(enum portable_content content, const unsigned char *records, uint32_t row)
+{
+    return PORTABLE_ID_MASK & (content == PORTABLE_INDEXED_TRIANGLES
+                                   ? ((const struct portable_indexed_triangle *)(const void *)records)[row].id
+                                   : ((const struct portable_triangle *)(const void *)records)[row].id);
+}
+
+/*
+ * Returns whether most primitives have no record, as in a scene of degenerate triangles: a table would then be much
+ * larger than the structure, which may be hostile.
+ */
+static bool is_sparse(const struct portable_header *header)
+{
+    return header->primitive_count / 16 > (uint64_t)header->record_count + 4096;
 }
 
 /* Fills the table. A triangle whose reference was split has several records, which say the same. */
 static void number_records(const struct portable_view *view, uint32_t *records)
 {
-    const bool is_indexed = view->header->content == PORTABLE_INDEXED_TRIANGLES;
     memset(records, 0xff, (size_t)view->header->primitive_count * sizeof *records);
-    for (uint32_t i = 0; i < view->header->record_count; i++) {
-        const uint32_t id = is_indexed ? ((const struct portable_indexed_triangle *)view->records)[i].id
-                                       : ((const struct portable_triangle *)view->records)[i].id;
-        records[id & PORTABLE_ID_MASK] = i;
-    }
+    for (uint32_t i = 0; i < view->header->record_count; i++)
+        records[id_of((enum portable_content)view->header->content, view->records, i)] = i;
 }
 
 enum bvhd_status positions_of_portable(struct bytes blob, const struct portable_view *view, struct memory *memory,
                                        struct positions **ret_positions, struct bvhd_error *error)
 {
     const struct portable_header *header = view->header;
-    const bool has_triangles = header->content <= PORTABLE_TRIANGLES;
-    struct positions *made = make(memory, has_triangles ? header->primitive_count : 0, error);
+    const bool has_triangles = header->content <= PORTABLE_TRIANGLES, has_table = has_triangles && !is_sparse(header);
+    struct positions *made = make(memory, has_table ? header->primitive_count : 0, error);
     if (!made)
         return BVHD_NO_MEMORY;
     if (has_triangles) {
@@ -53,10 +67,36 @@ enum bvhd_status positions_of_portable(struct bytes blob, const struct portable_
         made->vertices_at = (uint64_t)((const unsigned char *)view->vertices - blob.data);
         made->geometries_at = (uint64_t)((const unsigned char *)view->geometries - blob.data);
         made->geometry_count = header->geometry_count;
-        number_records(view, made->records);
+        made->record_count = header->record_count;
+        made->is_sparse = !has_table;
+        if (has_table)
+            number_records(view, made->records);
     }
     *ret_positions = made;
     return BVHD_OK;
+}
+
+static uint64_t order_of(uint32_t geometry, uint32_t primitive)
+{
+    return (uint64_t)geometry << 32 | primitive;
+}
+
+static uint64_t order_of_leaf(const struct lavapipe_triangle *leaf)
+{
+    return order_of(leaf->geometry_and_flags & ~LAVAPIPE_GEOMETRY_OPAQUE, leaf->primitive);
+}
+
+/*
+ * Returns how many leaves are triangles. Padding may count as one leaf more; it is all 0, so that it does not follow
+ * the leaf before it in the order of the request.
+ */
+static uint32_t count_triangles(const struct lavapipe_view *view)
+{
+    if (view->leaf_count < 2)
+        return view->leaf_count;
+    const struct lavapipe_triangle last = lavapipe_triangle_at(view, view->leaf_count - 1),
+                                   before = lavapipe_triangle_at(view, view->leaf_count - 2);
+    return view->leaf_count - (order_of_leaf(&last) <= order_of_leaf(&before));
 }
 
 enum bvhd_status positions_of_lavapipe(struct bytes blob, const struct lavapipe_view *view, struct memory *memory,
@@ -68,7 +108,7 @@ enum bvhd_status positions_of_lavapipe(struct bytes blob, const struct lavapipe_
     if (view->leaf_count > 0 && view->kind == LAVAPIPE_TRIANGLE) {
         made->kind = HOLDS_LEAVES;
         made->records_at = (uint64_t)(view->body - blob.data) + view->leaf_offset;
-        made->leaf_count = view->leaf_count;
+        made->leaf_count = count_triangles(view);
     }
     *ret_positions = made;
     return BVHD_OK;
@@ -126,6 +166,18 @@ static void read_triangle(const struct positions *positions, const unsigned char
     memcpy(ret_corners[2], triangle.v2, sizeof triangle.v2);
 }
 
+static uint32_t find_record(const struct positions *positions, const unsigned char *blob, uint32_t id)
+{
+    const enum portable_content content =
+        positions->kind == HOLDS_INDEXED ? PORTABLE_INDEXED_TRIANGLES : PORTABLE_TRIANGLES;
+    if (!positions->is_sparse)
+        return positions->records[id];
+    for (uint32_t i = 0; i < positions->record_count; i++)
+        if (id_of(content, blob + positions->records_at, i) == id)
+            return i;
+    return NO_RECORD;
+}
+
 static enum bvhd_status get_portable(const struct positions *positions, const unsigned char *blob, uint32_t geometry,
                                      uint32_t primitive, float ret_corners[3][3], struct bvhd_error *error)
 {
@@ -135,7 +187,7 @@ static enum bvhd_status get_portable(const struct positions *positions, const un
     memcpy(&row, blob + positions->geometries_at + geometry * sizeof row, sizeof row);
     if (primitive >= row.primitive_count)
         return refuse_primitive(geometry, primitive, error);
-    const uint32_t record = positions->records[row.first_primitive + primitive];
+    const uint32_t record = find_record(positions, blob, row.first_primitive + primitive);
     if (record == NO_RECORD)
         return refuse_absent(error);
     if (positions->kind == HOLDS_INDEXED)
@@ -154,11 +206,6 @@ static struct lavapipe_triangle leaf_at(const struct positions *positions, const
     return triangle;
 }
 
-static uint64_t order_of(uint32_t geometry, uint32_t primitive)
-{
-    return (uint64_t)geometry << 32 | primitive;
-}
-
 /*
  * Finds the first leaf that is not before a primitive of the request; leaf_count if all are. Leaves that no box refers
  * to were checked by nobody: if they are out of order the answer is any leaf.
@@ -169,7 +216,7 @@ static uint32_t find_leaf(const struct positions *positions, const unsigned char
     while (first < end) {
         const uint32_t middle = first + (end - first) / 2;
         const struct lavapipe_triangle leaf = leaf_at(positions, blob, middle);
-        if (order_of(leaf.geometry_and_flags & ~LAVAPIPE_GEOMETRY_OPAQUE, leaf.primitive) < wanted)
+        if (order_of_leaf(&leaf) < wanted)
             first = middle + 1;
         else
             end = middle;

@@ -150,8 +150,8 @@ BVHD_API enum bvhd_status bvhd_structure_get(const struct bvhd_structure *struct
  * structure that was built with ALLOW_DATA_ACCESS, in either target. They are the positions that
  * VK_KHR_ray_tracing_position_fetch gives to shaders: those of the last build or update, decoded to floats, after the
  * geometry's transformData, exactly as the builder used them. (In structures for lavapipe before Mesa 26, -0 is 0, as
- * in that driver's own.) The call takes no longer for larger portable structures; their objects hold 4 bytes more for
- * each triangle.
+ * in that driver's own.) The call takes no longer for larger portable structures, unless nearly all of their triangles
+ * have no area; their objects hold 4 bytes more for each triangle.
  *
  * Returns BVHD_INVALID at the place "structure" for an object that is empty, or that was built without the flag, which
  * the bytes of a native structure that was deserialized do not tell; at "geometry" for other primitives than triangles,

@@ -6,6 +6,8 @@
 
 #include "builder/update/batch.h"
 #include "builder/format/positions.h"
+#include "builder/format/serialized.h"
+#include "tests/support/builder/inputs.h"
 #include "tests/support/builder/random_input.h"
 #include "tests/support/builder/random_update.h"
 
@@ -156,9 +158,98 @@ static void corners_are_those_of_the_request(void **state)
     assert_true(cases > CASES / 2 && read > 1000 && refused > 0);
 }
 
+/* Makes long thin triangles, which quality high cuts, in a native structure whose leaves padding follows. */
+static void make_thin(struct bed *bed, float (*vertices)[3], uint32_t count)
+{
+    struct random random = {count};
+    const struct limits limits = limits_default();
+    struct bvhd_error error;
+    for (uint32_t i = 0; i < count; i++)
+        for (int axis = 0; axis < 3; axis++) {
+            vertices[3 * i][axis] = (float)random_between(&random, 0, 10);
+            vertices[3 * i + 1][axis] = vertices[3 * i][axis] + (float)random_between(&random, 0, 0.02);
+            vertices[3 * i + 2][axis] = vertices[3 * i][axis] + (float)random_between(&random, -6, 6);
+        }
+    const struct geometry geometry = {
+        .type = GEOMETRY_TRIANGLES,
+        .triangles = {.vertex_format = 106,
+                      .max_vertex = 3 * count - 1,
+                      .vertex_stride = sizeof vertices[0],
+                      .index_type = INDEX_NONE,
+                      .vertices = {(const unsigned char *)vertices, 3 * count * sizeof vertices[0]}},
+        .range.primitive_count = count,
+    };
+    const struct build_input input = {
+        .type = STRUCTURE_BOTTOM,
+        .flags = BUILD_ALLOW_DATA_ACCESS,
+        .geometry_count = 1,
+        .geometries = &geometry,
+        .options = {.quality = QUALITY_HIGH, .target = TARGET_LAVAPIPE, .device.variant = LAVAPIPE_COMPACTED},
+    };
+    *bed = (struct bed){.variant = LAVAPIPE_COMPACTED};
+    assert_int_equal(batch_build(&input, 1, &limits, &context, &bed->item, &error), BVHD_OK);
+    assert_int_equal(bed->item.status, BVHD_OK);
+    open_bed(bed);
+}
+
+/* With six triangles more than a multiple of seven, the padding behind the leaves is as large as a leaf. */
+static void padding_is_no_triangle(void **state)
+{
+    (void)state;
+    uint32_t cut = 0;
+    for (uint32_t count = 13; count < 256; count += 7) {
+        static float vertices[3 * 256][3];
+        struct bed bed;
+        make_thin(&bed, vertices, count);
+        cut += bed.item.summary.refs > bed.item.summary.primitives;
+        for (uint32_t i = 0; i < count; i++) {
+            float corners[3][3];
+            struct bvhd_error error;
+            assert_int_equal(positions_get(bed.positions, bed.item.blob, 0, i, corners, &error), BVHD_OK);
+            assert_memory_equal(corners, vertices[3 * i], sizeof corners);
+        }
+        positions_unref(bed.positions);
+        batch_finish(&bed.item, 1, &memory);
+    }
+    assert_true(cut > 0);
+    assert_int_equal(memory.live, 0);
+}
+
+/* A small structure that claims half a billion triangles does not make its reader ask for gigabytes. */
+static void memory_is_in_proportion(void **state)
+{
+    (void)state;
+    enum { CLAIMED = 1 << 28 };
+    struct bed bed = {.variant = 0};
+    struct test_input test;
+    const struct limits limits = limits_default();
+    struct bvhd_error error;
+    float corners[3][3];
+    inputs_triangles(&test);
+    test.input.flags = BUILD_ALLOW_DATA_ACCESS;
+    test.input.options.quality = QUALITY_FAST;
+    assert_int_equal(batch_build(&test.input, 1, &limits, &context, &bed.item, &error), BVHD_OK);
+    unsigned char *body = bed.item.blob + bytes_align(SERIALIZED_HANDLES, PORTABLE_BODY_ALIGNMENT);
+    struct portable_header *header = (struct portable_header *)(void *)body;
+    struct portable_geometry *geometries = (struct portable_geometry *)(void *)(body + header->geometry_offset);
+    header->primitive_count += CLAIMED;
+    geometries[1].primitive_count += CLAIMED;
+    open_bed(&bed);
+    assert_true(memory.live < 2 * bed.item.size + 65536);
+    assert_int_equal(positions_get(bed.positions, bed.item.blob, 1, 0, corners, &error), BVHD_OK);
+    assert_int_equal(positions_get(bed.positions, bed.item.blob, 1, CLAIMED - 1, corners, &error), BVHD_INVALID);
+    positions_unref(bed.positions);
+    batch_finish(&bed.item, 1, &memory);
+    assert_int_equal(memory.live, 0);
+}
+
 int main(void)
 {
     memory_init(&memory, UINT64_MAX);
-    const struct CMUnitTest tests[] = {cmocka_unit_test(corners_are_those_of_the_request)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(corners_are_those_of_the_request),
+        cmocka_unit_test(padding_is_no_triangle),
+        cmocka_unit_test(memory_is_in_proportion),
+    };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
