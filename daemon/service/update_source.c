@@ -74,6 +74,13 @@ static bool is_record(struct bytes bytes)
     return record_open(bytes, &record, NULL) == BVHD_OK;
 }
 
+/* Forgets a damaged record, so that it is not taken for the source's own. */
+static void drop_record(struct update_source *source)
+{
+    memory_free(source->memory, (void *)(uintptr_t)source->record.data);
+    source->record = (struct bytes){NULL, 0};
+}
+
 enum bvhd_status update_source_find_record(struct update_source *source, const struct key *key, uint32_t index,
                                            const atomic_bool *cancel, struct bvhd_error *error)
 {
@@ -85,6 +92,7 @@ enum bvhd_status update_source_find_record(struct update_source *source, const s
             return BVHD_OK;
         if (is_shortage_or_cancelled(status))
             return status;
+        drop_record(source);
     }
     return judge_recordless(source, key, index, error);
 }
@@ -105,6 +113,6 @@ enum bvhd_status update_source_find(struct update_source *source, const struct k
 void update_source_finish(struct update_source *source)
 {
     blob_unref(source->blob);
-    memory_free(source->memory, (void *)(uintptr_t)source->record.data);
+    drop_record(source);
     *source = (struct update_source){.blob = NULL};
 }

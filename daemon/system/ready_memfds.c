@@ -183,15 +183,27 @@ static bool wait_for_work(struct ready_memfds *ready)
     return !ready->ends;
 }
 
+/* Called with the lock, which it gives up meanwhile: the loop takes it often, and unmapping takes milliseconds. */
+static void give_back_all(struct ready_memfds *ready)
+{
+    while (ready->ready_count > 0) {
+        struct memfd last = ready->ready[--ready->ready_count];
+        pthread_mutex_unlock(&ready->lock);
+        give_back(ready, &last);
+        pthread_mutex_lock(&ready->lock);
+    }
+}
+
 static void *prepare_until_idle(void *context)
 {
     struct ready_memfds *ready = context;
     pthread_mutex_lock(&ready->lock);
-    while (wait_for_work(ready))
-        prepare(ready, ready->wanted[--ready->wanted_count]);
-    for (uint32_t i = 0; i < ready->ready_count; i++)
-        give_back(ready, &ready->ready[i]);
-    ready->ready_count = ready->wanted_count = 0;
+    do {
+        while (wait_for_work(ready))
+            prepare(ready, ready->wanted[--ready->wanted_count]);
+        ready->wanted_count = 0;
+        give_back_all(ready);
+    } while (!ready->ends && may_prepare(ready));
     ready->has_thread = false;
     pthread_cond_broadcast(&ready->ended);
     pthread_mutex_unlock(&ready->lock);
