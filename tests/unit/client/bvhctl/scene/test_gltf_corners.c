@@ -26,7 +26,7 @@ static void write_file(const char *path, const void *data, size_t size)
     fclose(file);
 }
 
-/* The only buffer, with a view for each member. */
+/* The only buffer, with a view for each member, and view 9 of no bytes at its end. */
 struct data {
     float positions[9];
     uint32_t indices[3];
@@ -74,6 +74,7 @@ static void list_views(char ret_text[1000])
     VIEW(two, "");
     VIEW(nan, "");
     VIEW(apart, ",'byteStride':8");
+    add_view(ret_text, sizeof data, 0, "");
 }
 
 static void write_text(const char *path, char *text)
@@ -98,7 +99,7 @@ struct corner {
         size_t stride, count; /* stride 0: there is none */
         const char *mode, *filter;
         size_t length; /* 0: as long as it should be */
-    } compressed; /* view 9: elements of zeros, by meshoptimizer */
+    } compressed; /* view 10: elements of zeros, by meshoptimizer */
     const char *text; /* part of "where: text"; NULL: it is read */
     enum bvhd_status status; /* of a refusal; 0: BVHD_INVALID */
     uint32_t triangles; /* 0: 1 */
@@ -198,6 +199,11 @@ static const struct corner corners[] = {
      .primitives = MOVED},
     {.accessors = ",{'bufferView':5,'componentType':5123,'normalized':true,'count':3,'type':'VEC3'}",
      .primitives = MOVED},
+    {.accessors = ",{'bufferView':9,'componentType':5126,'count':0,'type':'VEC3'}",
+     .primitives = "{'attributes':{'POSITION':2}}," TRIANGLE},
+    {.accessors = ",{'bufferView':9,'componentType':5126,'count':1,'type':'VEC3'}",
+     .primitives = MOVED,
+     .text = "1 elements from 0 on, but bufferViews[9] has 0 bytes"},
     /* Accessors of indices. */
     {.accessors = ",{'bufferView':8,'componentType':5125,'count':3,'type':'SCALAR'}", .primitives = OTHER},
     {.accessors = ",{'bufferView':2,'componentType':5123,'count':3,'type':'SCALAR'}", .primitives = OTHER},
@@ -246,8 +252,8 @@ static const struct corner corners[] = {
      .primitives = OTHER,
      .text = "accessors[2].sparse"},
 /* Views that meshoptimizer has compressed. */
-#define SHORTS ",{'bufferView':9,'componentType':5122,'count':3,'type':'VEC3'}"
-#define FLOATS ",{'bufferView':9,'componentType':5126,'count':3,'type':'VEC3'}"
+#define SHORTS ",{'bufferView':10,'componentType':5122,'count':3,'type':'VEC3'}"
+#define FLOATS ",{'bufferView':10,'componentType':5126,'count':3,'type':'VEC3'}"
     {.accessors = SHORTS, .primitives = MOVED, .compressed = {8, 3, "ATTRIBUTES", "OCTAHEDRAL", 0}},
     {.accessors = SHORTS, .primitives = MOVED, .compressed = {8, 3, "ATTRIBUTES", "QUATERNION", 0}},
     {.accessors = FLOATS, .primitives = MOVED, .compressed = {12, 3, "ATTRIBUTES", "EXPONENTIAL", 0}},
@@ -279,7 +285,7 @@ static const struct corner corners[] = {
      .primitives = MOVED,
      .compressed = {12, 3, "ATTRIBUTES", "NONE", 35},
      .text = "byteLength: not the number of bytes"},
-    {.accessors = ",{'bufferView':9,'componentType':5123,'count':3,'type':'SCALAR'}",
+    {.accessors = ",{'bufferView':10,'componentType':5123,'count':3,'type':'SCALAR'}",
      .primitives = OTHER,
      .compressed = {2, 3, "TRIANGLES", "NONE", 0}},
     /* An attribute that only looks have. */
@@ -346,6 +352,25 @@ static void corners_are_read_or_refused(void **state)
             fail_msg("corner %zu: %s instead of %s", i, told, corners[i].text);
         if (!corners[i].text)
             assert_int_equal(import.triangle_count, corners[i].triangles ? corners[i].triangles : 1);
+        import_finish(&import);
+        assert_int_equal(memory.live, 0);
+    }
+}
+
+/* A mesh whose name is empty is named by its number, in the same way as one without a name. */
+static void empty_names_become_numbers(void **state)
+{
+    (void)state;
+    static const char *const primitives[] = {TRIANGLE, "#[" TRIANGLE "],'name':''"};
+    write_file("b.bin", &data, sizeof data);
+    for (size_t i = 0; i < sizeof primitives / sizeof *primitives; i++) {
+        struct memory memory;
+        struct bvhd_error error;
+        struct import import = {0};
+        write_corner(&(struct corner){.primitives = primitives[i]});
+        assert_int_equal(read_corner(&memory, &import, &error), BVHD_OK);
+        assert_int_equal(import.mesh_count, 1);
+        assert_string_equal(import.meshes[0].name, "meshes[0]");
         import_finish(&import);
         assert_int_equal(memory.live, 0);
     }
@@ -562,7 +587,7 @@ int main(void)
         cmocka_unit_test(headers_of_glb_are_checked),     cmocka_unit_test(a_directory_is_no_file),
         cmocka_unit_test(other_json_is_not_in_the_arena), cmocka_unit_test(an_arena_without_memory_fails),
         cmocka_unit_test(files_without_memory),           cmocka_unit_test(scenes_are_chosen_by_number),
-        cmocka_unit_test(absolute_paths_have_no_folder),
+        cmocka_unit_test(absolute_paths_have_no_folder),  cmocka_unit_test(empty_names_become_numbers),
     };
     return cmocka_run_group_tests(tests, scratch_enter, scratch_remove);
 }

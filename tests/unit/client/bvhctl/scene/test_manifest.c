@@ -160,6 +160,7 @@ static void test_nodes(void **state)
     struct manifest ignored;
     struct manifest_nodes nodes;
     struct bvhd_error error;
+    char file[128];
     for (size_t i = 0; i < sizeof broken / sizeof *broken; i++) {
         if (read_text(broken[i], &memory, &ignored, &error) == BVHD_OK)
             manifest_finish(&ignored);
@@ -171,6 +172,10 @@ static void test_nodes(void **state)
     assert_int_equal(manifest_read_nodes(scratch_folder, "c", &memory, &nodes, &error), BVHD_CORRUPT);
     assert_int_equal(manifest_read_nodes("/nonexistent", "a", &memory, &nodes, &error), BVHD_NOT_FOUND);
     assert_int_equal(manifest_read_nodes("/dev/null", "a", &memory, &nodes, &error), BVHD_IO);
+    snprintf(file, sizeof file, "%s/%s", scratch_folder, MANIFEST_NAME);
+    assert_int_equal(manifest_read_nodes(file, "a", &memory, &nodes, &error), BVHD_IO);
+    assert_string_equal(error.text, "neither a directory nor a container of structures");
+    assert_int_equal(memory.live, 0);
     enum bvhd_status status = BVHD_NO_MEMORY;
     for (int64_t after = 0; status != BVHD_OK; after++) {
         atomic_store(&memory.fail_after, after);
@@ -227,12 +232,15 @@ static void test_options(void **state)
     assert_int_equal(manifest.options.build.builder, BUILDER_EMBREE);
     assert_true(manifest.options.rays == 2.5);
     manifest_finish(&manifest);
-    assert_int_equal(
-        read_text(KNOWN(LISTS("[]") ",\"quality\":null,\"rays_per_primitive\":1e999"), &memory, &manifest, NULL),
-        BVHD_OK);
-    assert_true(manifest.options.are_known && manifest.options.rays == 0);
-    assert_int_equal(manifest.options.build.quality, QUALITY_UNSPECIFIED);
-    manifest_finish(&manifest);
+    static const char *const no_rays[] = {"null", "\"2\"", "0", "-2.5", "1e999"};
+    for (size_t i = 0; i < sizeof no_rays / sizeof *no_rays; i++) {
+        char text[256];
+        snprintf(text, sizeof text, KNOWN(LISTS("[]") ",\"quality\":null,\"rays_per_primitive\":%s"), no_rays[i]);
+        assert_int_equal(read_text(text, &memory, &manifest, NULL), BVHD_OK);
+        assert_true(manifest.options.are_known && manifest.options.rays == 0);
+        assert_int_equal(manifest.options.build.quality, QUALITY_UNSPECIFIED);
+        manifest_finish(&manifest);
+    }
 }
 
 /* A top level is found by its scene's name, and by the name and the number of the scene in its file. */
