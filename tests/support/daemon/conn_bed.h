@@ -16,7 +16,7 @@
 #include "tests/support/daemon/fake_session.h"
 #include "tests/support/proto/frames.h"
 
-enum { BED_CLIENTS = 10 };
+enum { BED_CLIENTS = 10, BED_PATIENCE_MS = 20000 /* how long a test waits for what has to happen */ };
 
 struct bed_client {
     int socket; /* non-blocking */
@@ -78,16 +78,36 @@ static inline uint64_t bed_now(void)
     return uv_hrtime() / 1000000;
 }
 
-/* Runs iterations of the event loop for `ms` milliseconds, at least eight. */
+/* Runs an iteration of the event loop: the one with this index of several. The first eight come without a pause. */
+static inline void bed_iterate(struct bed *bed, int index)
+{
+    uv_run(&bed->loop, UV_RUN_NOWAIT);
+    if (index >= 8)
+        poll(NULL, 0, 1);
+}
+
+/*
+ * Runs iterations of the event loop for `ms` milliseconds, at least eight. A test that expects something to happen uses
+ * bed_await instead, since a busy machine may take longer than any `ms`.
+ */
 static inline void bed_pump(struct bed *bed, uint64_t ms)
 {
     uint64_t end = bed_now() + ms;
-    for (int i = 0; i < 8 || bed_now() < end; i++) {
-        uv_run(&bed->loop, UV_RUN_NOWAIT);
-        if (i >= 8)
-            poll(NULL, 0, 1);
-    }
+    for (int i = 0; i < 8 || bed_now() < end; i++)
+        bed_iterate(bed, i);
 }
+
+/*
+ * Runs iterations of the event loop until the condition, an expression, is true, and fails if that takes longer than
+ * BED_PATIENCE_MS. No iteration follows the one that made it true.
+ */
+#define bed_await(bed, condition)                                                                                      \
+    do {                                                                                                               \
+        uint64_t bed_end = bed_now() + BED_PATIENCE_MS;                                                                \
+        for (int bed_index = 0; !(condition) && bed_now() < bed_end; bed_index++)                                      \
+            bed_iterate(bed, bed_index);                                                                               \
+        assert_true(condition);                                                                                        \
+    } while (0)
 
 static inline bool bed_send_bytes(struct bed_client *client, const void *bytes, size_t size, const int *descriptors,
                                   uint32_t count)
@@ -142,11 +162,11 @@ static inline void bed_read(struct bed_client *client)
     assert_int_equal(frame_parser_feed(&client->parser, (uint64_t)size, descriptors, count, NULL), BVHD_OK);
 }
 
-/* Receives the next frame within two seconds of iterations. Its descriptor belongs to the caller. */
+/* Receives the next frame within BED_PATIENCE_MS of iterations. Its descriptor belongs to the caller. */
 static inline bool bed_receive(struct bed *bed, struct bed_client *client, struct frame *ret_frame)
 {
     bool found = false;
-    for (uint64_t end = bed_now() + 2000; bed_now() < end;) {
+    for (uint64_t end = bed_now() + BED_PATIENCE_MS; bed_now() < end;) {
         assert_int_equal(frame_parser_next(&client->parser, ret_frame, &found, NULL), BVHD_OK);
         if (found || client->eof)
             return found;
@@ -208,8 +228,7 @@ static inline void bed_close(struct bed *bed)
     for (int i = 0; i < BED_CLIENTS; i++)
         if (bed->clients[i].socket >= 0)
             bed_hang_up(&bed->clients[i]);
-    bed_pump(bed, 0);
-    assert_int_equal(bed->group.count, 0);
+    bed_await(bed, bed->group.count == 0);
     conn_group_close(&bed->group);
     conn_group_finish(&bed->group);
     uv_run(&bed->loop, UV_RUN_DEFAULT);
@@ -220,7 +239,7 @@ static inline void bed_close(struct bed *bed)
     assert_int_equal(bed->memory.live, 0);
     assert_int_equal(bed->service.descriptors.used, 0);
     assert_int_equal(bed->service.descriptors.unread, 0);
-    for (int i = 0; i < 2000 && open_descriptors() != bed->open_before; i++)
+    for (uint64_t end = bed_now() + BED_PATIENCE_MS; open_descriptors() != bed->open_before && bed_now() < end;)
         poll(NULL, 0, 1); /* Other threads close some of them. */
     assert_int_equal(open_descriptors(), bed->open_before);
 }

@@ -72,8 +72,7 @@ static void test_clients_come_and_go(void **state)
         assert_int_equal(bed_newest_conn(&test.bed)->peer.pid, getpid());
         assert_int_equal(test.bed.service.descriptors.used, 1);
         bed_hang_up(client);
-        bed_pump(&test.bed, 0);
-        assert_int_equal(test.bed.group.count, 0);
+        bed_await(&test.bed, test.bed.group.count == 0);
     }
     accept_test_close(&test);
 }
@@ -89,7 +88,7 @@ static void test_full(void **state)
     struct bed_client *third = connect_client(&test);
     bed_expect_error(&test.bed, third, BVHD_BUSY);
     bed_hang_up(first);
-    bed_pump(&test.bed, 0);
+    bed_await(&test.bed, test.bed.group.count == 1);
     struct bed_client *fourth = connect_client(&test);
     bed_hello(&test.bed, fourth);
     accept_test_close(&test);
@@ -104,7 +103,7 @@ static void test_idle_clients_make_room(void **state)
     (void)state;
     accept_test_open(&test, 12); /* one user may have 9 of them, and room is short with 8 */
     test.bed.group.limits.idle_ms = 20;
-    test.bed.group.limits.linger_ms = 200;
+    test.bed.group.limits.linger_ms = 600;
     for (int i = 0; i < 8; i++) {
         clients[i] = connect_client(&test);
         bed_hello(&test.bed, clients[i]);
@@ -115,13 +114,12 @@ static void test_idle_clients_make_room(void **state)
     bed_expect(&test.bed, clients[0], FRAME_PONG, 1);
     clients[8] = connect_client(&test);
     bed_hello(&test.bed, clients[8]);
+    bed_send(clients[1], FRAME_PING, 2); /* sent before the client has read that it has to leave */
     bed_expect(&test.bed, clients[1], FRAME_GOODBYE, 0);
-    bed_send(clients[1], FRAME_PING, 2); /* sent before the client has read it */
     bed_expect(&test.bed, clients[1], FRAME_PONG, 2);
     assert_false(bed_receive(&test.bed, clients[1], &frame));
     assert_true(clients[1]->eof);
-    bed_pump(&test.bed, 0);
-    assert_int_equal(test.bed.group.count, 8);
+    bed_await(&test.bed, test.bed.group.count == 8);
     for (int i = 0; i < 9; i++)
         if (i != 1) {
             bed_send(clients[i], FRAME_PING, 3);
@@ -169,7 +167,7 @@ static void test_share_of_a_user(void **state)
     assert_int_equal(test.bed.service.refused, 1);
     bed_hang_up(fourth);
     bed_hang_up(clients[0]);
-    bed_pump(&test.bed, 0);
+    bed_await(&test.bed, test.bed.group.count == 2);
     struct bed_client *other = bed_connect(&test.bed, getuid() + 1); /* does not count for this user */
     struct bed_client *again = connect_client(&test);
     bed_hello(&test.bed, other);

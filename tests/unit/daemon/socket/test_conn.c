@@ -20,8 +20,7 @@ static void test_hello_ping_end(void **state)
     }
     assert_int_equal(bed.service.sent, 101);
     bed_hang_up(client);
-    bed_pump(&bed, 0);
-    assert_int_equal(bed.service.closed, 1);
+    bed_await(&bed, bed.service.closed == 1);
     bed_close(&bed);
 }
 
@@ -35,7 +34,7 @@ static void test_byte_by_byte(void **state)
     frame_header_write(&(struct frame_header){.type = FRAME_HELLO}, bytes);
     for (size_t i = 0; i < sizeof bytes; i++) {
         assert_true(bed_send_bytes(client, bytes + i, 1, NULL, 0));
-        bed_pump(&bed, 0);
+        bed_await(&bed, bed_newest_conn(&bed)->inlet.parser.fed == i + 1);
         assert_int_equal(bed.service.frames, i + 1 == sizeof bytes);
     }
     bed_expect(&bed, client, FRAME_WELCOME, 0);
@@ -107,15 +106,15 @@ static void test_linger_ends(void **state)
     struct bed bed;
     struct conn_limits limits = conn_limits_default();
     (void)state;
-    limits.linger_ms = 400;
+    limits.linger_ms = 200;
     bed_open(&bed, &limits);
     struct bed_client *client = bed_connect(&bed, 1);
+    uint64_t begin = bed_now();
     bed_send(client, FAKE_WRONG, 1);
-    bed_pump(&bed, 0);
-    assert_int_equal(bed.service.closed, 1);
+    bed_await(&bed, bed.service.closed == 1);
     assert_int_equal(bed.group.count, 1);
-    bed_pump(&bed, 450);
-    assert_int_equal(bed.group.count, 0);
+    bed_await(&bed, bed.group.count == 0);
+    assert_true(bed_now() - begin >= limits.linger_ms);
     bed_close(&bed);
 }
 
@@ -126,11 +125,11 @@ static void test_no_hello(void **state)
     (void)state;
     limits.hello_ms = 50;
     bed_open(&bed, &limits);
+    uint64_t begin = bed_now();
     struct bed_client *silent = bed_connect(&bed, 1), *talking = bed_connect(&bed, 1);
     bed_hello(&bed, talking);
-    bed_pump(&bed, 20);
-    assert_int_equal(bed.service.closed, 0);
     bed_expect_error(&bed, silent, BVHD_INVALID);
+    assert_true(bed_now() - begin >= limits.hello_ms);
     bed_send(talking, FRAME_PING, 1);
     bed_expect(&bed, talking, FRAME_PONG, 1);
     bed_close(&bed);
@@ -162,8 +161,7 @@ static void test_half_close(void **state)
     bed_open(&bed, NULL);
     struct bed_client *client = bed_join(&bed, 1);
     shutdown(client->socket, SHUT_WR);
-    bed_pump(&bed, 0);
-    assert_int_equal(bed.service.closed, 1);
+    bed_await(&bed, bed.service.closed == 1);
     assert_int_equal(bed.group.count, 0);
     assert_false(bed_receive(&bed, client, &frame));
     bed_close(&bed);
@@ -187,8 +185,7 @@ static void test_death_with_descriptors(void **state)
         if (size % 2)
             bed_pump(&bed, 0);
         bed_hang_up(client);
-        bed_pump(&bed, 0);
-        assert_int_equal(bed.service.descriptors.used, 0);
+        bed_await(&bed, bed.service.descriptors.used == 0);
     }
     bed_close(&bed);
 }
@@ -215,8 +212,7 @@ static void test_too_many_descriptors(void **state)
         send_many_descriptors(client, count);
         bed_expect_error(&bed, client, BVHD_TOO_LARGE);
         bed_hang_up(client);
-        bed_pump(&bed, 0);
-        assert_int_equal(bed.service.descriptors.used, 0);
+        bed_await(&bed, bed.service.descriptors.used == 0);
     }
     struct bed_client *client = bed_join(&bed, 1);
     send_many_descriptors(client, 4);
@@ -235,8 +231,7 @@ static void test_goodbye(void **state)
     bed_hello(&bed, open);
     conn_group_goodbye(&bed.group);
     assert_false(conn_group_is_flushed(&bed.group));
-    bed_pump(&bed, 0);
-    assert_true(conn_group_is_flushed(&bed.group));
+    bed_await(&bed, conn_group_is_flushed(&bed.group));
     bed_expect(&bed, open, FRAME_GOODBYE, 0);
     assert_false(bed_receive(&bed, silent, &frame));
     assert_true(silent->eof);
@@ -301,9 +296,12 @@ static void test_unfinished_frame_counts(void **state)
     (void)state;
     limits.stall_ms = 50;
     bed_open(&bed, &limits);
-    struct bed_client *client = bed_connect(&bed, 1), *other = bed_connect(&bed, 1);
+    struct bed_client *client = bed_connect(&bed, 1);
+    const struct frame_parser *parser = &bed_newest_conn(&bed)->inlet.parser;
+    struct bed_client *other = bed_connect(&bed, 1);
     bed_hello(&bed, client);
     bed_hello(&bed, other);
+    uint64_t fed = parser->fed;
     frame_header_write(&(struct frame_header){.type = FRAME_PING, .control_size = CONTROL, .request = 1}, bytes);
     bed.service.has_no_frames = true;
     assert_true(bed_send_bytes(client, bytes, FIRST, NULL, 0));
@@ -314,13 +312,12 @@ static void test_unfinished_frame_counts(void **state)
     assert_in_range(bed.service.frame_bytes, 0, 2 * FRAME_KEEP);
     bed.service.has_no_frames = false;
     bed.group.limits.stall_ms = 30000;
-    for (int i = 0; bed.service.frame_bytes < sizeof bytes && i < 400; i++)
-        bed_pump(&bed, 5);
+    bed_await(&bed, bed.service.frame_bytes >= sizeof bytes);
     for (size_t at = FIRST; at < sizeof bytes; at += PART) {
-        size_t left = sizeof bytes - at;
+        size_t left = sizeof bytes - at, size = left < PART ? left : PART;
         assert_true(bed.service.frame_bytes >= sizeof bytes);
-        assert_true(bed_send_bytes(client, bytes + at, left < PART ? left : PART, NULL, 0));
-        bed_pump(&bed, 0);
+        assert_true(bed_send_bytes(client, bytes + at, size, NULL, 0));
+        bed_await(&bed, parser->fed == fed + at + size);
     }
     bed_expect(&bed, client, FRAME_PONG, 1);
     assert_in_range(bed.service.frame_bytes, 0, 2 * FRAME_KEEP);
@@ -339,13 +336,11 @@ static void test_unfinished_frame_of_the_broken(void **state)
     assert_true(bed_send_bytes(client, bytes, FRAME_HEADER_SIZE, NULL, 0));
     bed_pump(&bed, 0);
     assert_true(bed_send_bytes(client, bytes, 1, NULL, 0));
-    bed_pump(&bed, 0);
-    assert_true(bed.service.frame_bytes > 100000 && bed.service.memory.live > 100000);
+    bed_await(&bed, bed.service.frame_bytes > 100000 && bed.service.memory.live > 100000);
     int descriptor = frames_descriptor(NULL);
     assert_true(bed_send_bytes(client, bytes, 1, &descriptor, 1)); /* the frame has declared none */
     close(descriptor);
-    bed_pump(&bed, 0);
-    assert_int_equal(bed.service.closed, 1);
+    bed_await(&bed, bed.service.closed == 1);
     assert_int_equal(bed.service.frame_bytes, 0);
     assert_true(bed.service.memory.live < 1000);
     bed_expect_error(&bed, client, BVHD_CORRUPT);
@@ -359,9 +354,7 @@ static void stall(struct bed *bed)
     struct bed_client *client = bed_connect(bed, 1);
     bed_hello(bed, client);
     assert_true(bed_send_bytes(client, "BVHD", 4, NULL, 0));
-    for (int i = 0; bed->service.closed == closed && i < 1000; i++)
-        bed_pump(bed, 5);
-    assert_int_equal(bed->service.closed, closed + 1);
+    bed_await(bed, bed->service.closed == closed + 1);
     bed_hang_up(client);
 }
 
