@@ -126,7 +126,7 @@ static void other_variants_are_refused(void **state)
 static void a_structure_of_nobody_known_is_incompatible(void **state)
 {
     struct world *world = *state;
-    unsigned char data[512] = {0};
+    _Alignas(16) unsigned char data[512] = {0};
     struct bvhd_error error;
     const struct serialized_header header = {
         .driver_uuid = {1}, .serialized_size = sizeof data, .deserialized_size = 1024};
