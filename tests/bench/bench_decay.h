@@ -9,7 +9,7 @@
 
 enum { DECAY_ANGLES = 14, DECAY_SCENES = 8, DECAY_KINDS = 2 };
 
-/* What was measured at one angle. An updated tree is compared with one that is built for the same pose. */
+/* The figures of one angle: of an updated tree, and of one that is built for the same pose. */
 struct decay_row {
     double angle; /* degrees between the two ends of the mesh */
     double decay; /* as an update reports it: cost of the updated tree over that of its source */

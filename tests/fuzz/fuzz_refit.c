@@ -46,7 +46,7 @@ static const struct {
 
 enum { KINDS = sizeof kinds / sizeof kinds[0], INDEXED_KIND = 0, BOXES_KIND = 3 };
 
-/* What is made of each kind before the first input, and kept. */
+/* A kind's own structure and record, which are made before the first input and are kept. */
 struct sound {
     struct build_options options;
     struct canonical moved; /* the geometry of updates */

@@ -411,7 +411,7 @@ static struct bvhd_batch *run(struct bvhd_client *client, const struct request *
     return batch;
 }
 
-/* What the structures of a chain are made for. */
+/* The formats of which a chain of updates has its structures. */
 struct chain {
     const char *name;
     enum bvhd_target target;

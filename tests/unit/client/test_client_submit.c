@@ -167,8 +167,8 @@ static void sources_are_known(void **state)
 }
 
 /*
- * What instances name is not built by another info, except for bottom levels that only this call knows, of which the
- * top level waits for the results.
+ * A structure that instances name must not be built by another info of the call. The exception are bottom levels that
+ * only this call knows: the top level waits for their results.
  */
 static void named_structures_are_not_built(void **state)
 {

@@ -16,7 +16,7 @@ enum { CASES = 120, MOST_PRIMITIVES = 300, MOST_UPDATES = 2 };
 static struct memory memory;
 static const struct build_context context = {.memory = &memory, .parallel = &parallel_serial};
 
-/* What is read, and what must come of it. */
+/* A structure whose positions are read, and the request that they must equal. */
 struct bed {
     struct random_input request;
     struct batch_item item;

@@ -538,7 +538,7 @@ static void squeeze_finish(struct squeeze *squeeze)
     world_mesh_finish(&squeeze->mesh);
 }
 
-/* What was admitted comes to its end, with the bytes that it would have had alone. */
+/* Updates that were admitted end, with the bytes that they would have had alone. */
 static void test_a_shortage_beside_others_is_tried_again(void **state)
 {
     (void)state;
