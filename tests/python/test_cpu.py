@@ -80,6 +80,10 @@ class CpuTest(unittest.TestCase):
         corners = np.asarray(mesh.vertices, np.float32)[np.asarray(mesh.indices)]
         np.testing.assert_array_equal(scene.positions(np.arange(len(corners))), corners)
         np.testing.assert_array_equal(scene.positions(7)[0], corners[7])
+        self.assertEqual(scene.positions([]).shape, (0, 3, 3))
+        for wrong in (1.5, [[0, 1]], -1, [2**32]):
+            with self.assertRaisesRegex(ValueError, "primitives"):
+                scene.positions(wrong)
         for arguments in ({"geometry": 1}, {"structure": 1}):
             with self.assertRaises(bvhd.Error):
                 scene.positions(0, **arguments)

@@ -59,6 +59,20 @@ def rays(
     return made
 
 
+def _numbers(primitives: npt.ArrayLike) -> Array:
+    array: Array = np.atleast_1d(np.asarray(primitives))
+    if array.size == 0:
+        return np.zeros(0, np.uint32)
+    if array.dtype.kind not in "iu" or array.ndim != 1:
+        raise ValueError(
+            f"primitives: an array of shape {array.shape} and type {array.dtype} is not (n,) of"
+            " integers"
+        )
+    if int(array.min()) < 0 or int(array.max()) > 0xFFFFFFFF:
+        raise ValueError("primitives: a number is negative or needs more than 32 bits")
+    return array.astype(np.uint32)
+
+
 class Scene:
     """One structure, or a top level with the bottom levels that it names, ready to be traced.
 
@@ -119,7 +133,7 @@ class Scene:
         structure: the position of the bottom level in the scene. It was built with
         `BuildFlags.ALLOW_DATA_ACCESS`. Corners are those after the geometry's transform.
         """
-        numbers = np.atleast_1d(np.asarray(primitives, np.uint32))
+        numbers = _numbers(primitives)
         corners = np.empty((len(numbers), 3, 3), np.float32)
         error, room = s.Error(), (c.c_float * 9)
         with self._handle as scene:
