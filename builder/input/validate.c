@@ -5,6 +5,7 @@
 #include <math.h>
 
 #include "builder/format/layout.h"
+#include "proto/base/kind.h"
 #include "proto/base/parallel.h"
 #include "proto/base/place.h"
 #include "proto/base/validate_shape.h"
@@ -124,9 +125,7 @@ static enum bvhd_status check_triangle_memory(const struct validate_subject *sub
 static enum bvhd_status check_triangles(const struct validate_subject *subject)
 {
     const struct vertex_format *format = vertex_format_find(subject->geometry->triangles.vertex_format);
-    enum bvhd_status status = validate_triangles(subject);
-    if (status == BVHD_OK)
-        status = check_triangle_range(subject, format);
+    enum bvhd_status status = check_triangle_range(subject, format);
     if (status == BVHD_OK && subject->geometry->range.primitive_count > 0)
         status = check_triangle_memory(subject, format);
     return status;
@@ -136,12 +135,6 @@ static enum bvhd_status check_aabbs(const struct validate_subject *subject)
 {
     const struct geometry_aabbs *aabbs = &subject->geometry->aabbs;
     const struct geometry_range *range = &subject->geometry->range;
-    if (aabbs->stride % 8 != 0)
-        return bvhd_error_rule(subject->error, BVHD_VUID_03545, VALIDATE_GEOMETRY_PLACE(subject, "aabbs.stride"),
-                               "%" PRIu64 " is no multiple of 8", aabbs->stride);
-    if (aabbs->stride > UINT32_MAX)
-        return bvhd_error_rule(subject->error, BVHD_VUID_03820, VALIDATE_GEOMETRY_PLACE(subject, "aabbs.stride"),
-                               "%" PRIu64 " is over 2^32 - 1", aabbs->stride);
     if (range->primitive_offset % 8 != 0)
         return bvhd_error_rule(subject->error, BVHD_VUID_03659, VALIDATE_RANGE_PLACE(subject, "primitiveOffset"),
                                "%u is no multiple of 8", range->primitive_offset);
@@ -167,6 +160,9 @@ static enum bvhd_status check_instances(const struct validate_subject *subject)
 
 static enum bvhd_status check_data(const struct validate_subject *subject)
 {
+    enum bvhd_status status = kind_find(subject->geometry->type)->check_shape(subject);
+    if (status != BVHD_OK)
+        return status;
     switch (subject->geometry->type) {
     case GEOMETRY_TRIANGLES:
         return check_triangles(subject);
@@ -191,13 +187,13 @@ static enum bvhd_status check_geometries(const struct build_input *input, uint32
     enum bvhd_status status = BVHD_OK;
     uint64_t total = 0;
     for (uint32_t i = 0; status == BVHD_OK && i < input->geometry_count; i++) {
-        struct validate_subject subject = {&input->geometries[i], index, i, error};
+        struct validate_subject subject = {&input->geometries[i], index, i, error, false};
         status = look_at_cancel(&subject, cancel);
         if (status == BVHD_OK)
             status = validate_geometry(&subject, input, limits, &total);
     }
     for (uint32_t i = 0; status == BVHD_OK && i < input->geometry_count; i++) {
-        struct validate_subject subject = {&input->geometries[i], index, i, error};
+        struct validate_subject subject = {&input->geometries[i], index, i, error, false};
         status = look_at_cancel(&subject, cancel);
         if (status == BVHD_OK)
             status = check_data(&subject);

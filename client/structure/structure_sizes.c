@@ -5,6 +5,7 @@
 #include "client/library.h"
 #include "client/structure/structure.h"
 #include "client/vulkan_input.h"
+#include "proto/base/kind.h"
 #include "proto/base/place.h"
 #include "proto/base/validate_shape.h"
 
@@ -25,12 +26,10 @@ static enum bvhd_status check_geometries(const struct build_input *input, struct
     uint64_t total = 0;
     enum bvhd_status status = check_instances(input, error);
     for (uint32_t i = 0; status == BVHD_OK && i < input->geometry_count; i++) {
-        struct geometry geometry = input->geometries[i];
-        geometry.triangles.vertex_stride = geometry.type == GEOMETRY_TRIANGLES ? 0 : geometry.triangles.vertex_stride;
-        const struct validate_subject subject = {&geometry, 0, i, error};
+        const struct validate_subject subject = {&input->geometries[i], 0, i, error, .ignores_strides = true};
         status = validate_geometry(&subject, input, &limits, &total);
-        if (status == BVHD_OK && geometry.type == GEOMETRY_TRIANGLES)
-            status = validate_triangles(&subject);
+        if (status == BVHD_OK)
+            status = kind_find(input->geometries[i].type)->check_shape(&subject);
     }
     return status;
 }

@@ -3,6 +3,7 @@
 
 #include <assert.h>
 
+#include "proto/base/kind.h"
 #include "proto/base/place.h"
 #include "builder/input/prepare.h"
 #include "builder/input/validate.h"
@@ -11,7 +12,7 @@
  * Upper bounds on the bytes that are taken beside the canonical arrays, in all and for each geometry, reference and
  * instance: rows that were read, tables of fetch and view, look-up tables.
  */
-enum { FIXED_BYTES = 16 * 1024, GEOMETRY_BYTES = 640, REFERENCE_BYTES = 1024, INSTANCE_BYTES = 112 };
+enum { FIXED_BYTES = 16 * 1024, GEOMETRY_BYTES = 640, REFERENCE_BYTES = 1024, INSTANCE_BYTES = 48 };
 
 /* A block that grows may lie in memory twice while it is moved, up to this size. */
 enum { MOVED_BYTES = 4 << 20 };
@@ -35,15 +36,10 @@ static uint64_t least(uint64_t a, uint64_t b)
 
 static uint64_t geometry_bound(const struct geometry *geometry)
 {
+    const struct kind *kind = kind_find(geometry->type);
     uint64_t count = geometry->range.primitive_count;
-    switch (geometry->type) {
-    case GEOMETRY_TRIANGLES:
-        return sum(product(count, 3 * sizeof(uint32_t)), product(prepare_most_vertices(geometry), 3 * sizeof(float)));
-    case GEOMETRY_AABBS:
-        return product(count, 6 * sizeof(float));
-    default:
-        return product(count, INSTANCE_BYTES);
-    }
+    uint64_t arrays = sum(product(count, kind->primitive_bytes), product(kind->vertices(geometry), 3 * sizeof(float)));
+    return kind->is_top ? sum(arrays, product(count, INSTANCE_BYTES)) : arrays;
 }
 
 /*
@@ -70,14 +66,14 @@ uint64_t preparation_bound(const struct build_input *input)
 }
 
 /*
- * Positions and 32-bit indices are copied unchanged. A triangle without indices, of 36 bytes, gets 12 bytes of them; an
- * instance record of 64 bytes grows; small copies lie in memory twice. The promise always covers the rows: a payload
- * without room for the declared rows is refused before they are read.
+ * Positions, 32-bit indices and instance records are copied unchanged. A triangle without indices, of 36 bytes, gets 12
+ * bytes of them; instances of 64 bytes take INSTANCE_BYTES more; small copies lie in memory twice. The promise always
+ * covers the rows: a payload without room for the declared rows is refused before they are read.
  */
 uint64_t preparation_guess(const struct control_item *item)
 {
     uint64_t size = item->payload_size;
-    uint64_t copy = sum(size, item->type == STRUCTURE_TOP ? size / 64 * (INSTANCE_BYTES - 64) : size / 3);
+    uint64_t copy = sum(size, item->type == STRUCTURE_TOP ? size / 64 * INSTANCE_BYTES : size / 3);
     uint64_t geometries = least(item->geometry_count, size / ROWS_GEOMETRY_SIZE);
     uint64_t references = least(item->reference_count, size / ROWS_REFERENCE_LEAST);
     uint64_t rows = sum(product(geometries, GEOMETRY_BYTES), product(references, REFERENCE_BYTES));
@@ -128,8 +124,7 @@ static uint64_t build_bound(const struct build_input *input)
     for (uint32_t i = 0; i < input->geometry_count; i++) {
         const struct geometry *geometry = &input->geometries[i];
         primitives = sum(primitives, geometry->range.primitive_count);
-        if (geometry->type == GEOMETRY_TRIANGLES)
-            vertices = sum(vertices, prepare_most_vertices(geometry));
+        vertices = sum(vertices, kind_find(geometry->type)->vertices(geometry));
     }
     return preparation_build_bytes(primitives, vertices, quality != QUALITY_FAST && quality != QUALITY_BALANCED);
 }

@@ -3,8 +3,8 @@
 
 #include <inttypes.h>
 
+#include "proto/base/kind.h"
 #include "proto/base/place.h"
-#include "proto/base/vertex_element.h"
 #include "proto/base/vulkan_name.h"
 
 enum { BUILD_MOTION = 0x20 };
@@ -28,9 +28,6 @@ enum {
                 BUILD_LOW_MEMORY | BUILD_ALLOW_DATA_ACCESS,
     FOREIGN_FLAGS = 0x17e0,
 };
-
-/* Values of VkFormat that decide which rule a wrong one breaks, and an index type that triangles may not have. */
-enum { FORMAT_LAST_OF_CORE = 184, FORMAT_FIRST_OF_EXTENSIONS = 1000000000, INDEX_UINT8 = 1000265000 };
 
 /* Structure and geometry types that Vulkan defines and bvhd does not implement. */
 enum {
@@ -121,19 +118,18 @@ static enum bvhd_status check_foreign_geometry(const struct validate_subject *su
 
 static enum bvhd_status check_geometry_type(const struct validate_subject *subject, const struct build_input *input)
 {
-    uint32_t type = subject->geometry->type;
-    if (type > GEOMETRY_INSTANCES)
+    const struct kind *kind = kind_find(subject->geometry->type), *first = kind_find(input->geometries[0].type);
+    if (!kind)
         return check_foreign_geometry(subject);
-    if (input->type == STRUCTURE_TOP && type != GEOMETRY_INSTANCES)
+    if (input->type == STRUCTURE_TOP && !kind->is_top)
         return bvhd_error_rule(subject->error, BVHD_VUID_03789, VALIDATE_GEOMETRY_PLACE(subject, "geometryType"),
-                               "%s in a top level, which is made of instances", vulkan_geometry_noun(type).text);
-    if (input->type == STRUCTURE_BOTTOM && type == GEOMETRY_INSTANCES)
+                               "%s in a top level, which is made of instances", kind->noun);
+    if (input->type == STRUCTURE_BOTTOM && kind->is_top)
         return bvhd_error_rule(subject->error, BVHD_VUID_03791, VALIDATE_GEOMETRY_PLACE(subject, "geometryType"),
-                               "instances in a bottom level, which is made of triangles or AABBs");
-    if (type != input->geometries[0].type)
+                               "%s in a bottom level, which is made of triangles or AABBs", kind->noun);
+    if (kind != first)
         return bvhd_error_rule(subject->error, BVHD_VUID_03792, VALIDATE_GEOMETRY_PLACE(subject, "geometryType"),
-                               "%s after %s: a bottom level has one type of geometry", vulkan_geometry_noun(type).text,
-                               vulkan_geometry_noun(input->geometries[0].type).text);
+                               "%s after %s: a bottom level has one type of geometry", kind->noun, first->noun);
     return BVHD_OK;
 }
 
@@ -150,17 +146,15 @@ static enum bvhd_status check_geometry_flags(const struct validate_subject *subj
 static enum bvhd_status check_primitive_count(const struct validate_subject *subject, const struct limits *limits,
                                               uint64_t *total)
 {
-    bool instances = subject->geometry->type == GEOMETRY_INSTANCES,
-         triangles = subject->geometry->type == GEOMETRY_TRIANGLES;
-    uint64_t asked = instances ? limits->max_instances : limits->max_primitives;
-    uint64_t format_most = instances ? LIMIT_MAX_INSTANCES : LIMIT_MAX_PRIMITIVES;
+    const struct kind *kind = kind_find(subject->geometry->type);
+    uint64_t asked = kind->is_top ? limits->max_instances : limits->max_primitives;
+    uint64_t format_most = kind->is_top ? LIMIT_MAX_INSTANCES : LIMIT_MAX_PRIMITIVES;
     uint64_t most = asked < format_most ? asked : format_most;
     /* This cannot overflow: there are at most 2^24 geometries of less than 2^32 primitives. */
     *total += subject->geometry->range.primitive_count;
     if (*total <= most)
         return BVHD_OK;
-    enum bvhd_vuid vuid = instances ? BVHD_VUID_03801 : triangles ? BVHD_VUID_03795 : BVHD_VUID_03794;
-    return bvhd_error_rule(subject->error, vuid, VALIDATE_RANGE_PLACE(subject, "primitiveCount"),
+    return bvhd_error_rule(subject->error, kind->too_many, VALIDATE_RANGE_PLACE(subject, "primitiveCount"),
                            "%" PRIu64 " primitives up to here, at most %" PRIu64, *total, most);
 }
 
@@ -171,43 +165,4 @@ enum bvhd_status validate_geometry(const struct validate_subject *subject, const
     if (status == BVHD_OK)
         status = check_geometry_flags(subject);
     return status == BVHD_OK ? check_primitive_count(subject, limits, total) : status;
-}
-
-/* Numbers of extensions may be formats that are newer than this program, those below them are known. */
-static enum bvhd_status refuse_format(const struct validate_subject *subject)
-{
-    uint32_t format = subject->geometry->triangles.vertex_format;
-    bool is_format = format <= FORMAT_LAST_OF_CORE || format >= FORMAT_FIRST_OF_EXTENSIONS;
-    return bvhd_error_rule(subject->error, is_format ? BVHD_VUID_03797 : BVHD_VUID_TrianglesData_vertexFormat_parameter,
-                           VALIDATE_GEOMETRY_PLACE(subject, "triangles.vertexFormat"),
-                           "vertexFormat is %s, which is no %s", vulkan_name(VULKAN_FORMAT, format).text,
-                           is_format ? "format of vertices" : "VkFormat");
-}
-
-static enum bvhd_status check_index_type(const struct validate_subject *subject)
-{
-    uint32_t type = subject->geometry->triangles.index_type;
-    if (type == INDEX_NONE || type == INDEX_UINT16 || type == INDEX_UINT32)
-        return BVHD_OK;
-    return bvhd_error_rule(
-        subject->error, type == INDEX_UINT8 ? BVHD_VUID_03798 : BVHD_VUID_TrianglesData_indexType_parameter,
-        VALIDATE_GEOMETRY_PLACE(subject, "triangles.indexType"), "indexType is %s, none of UINT16, UINT32 and NONE",
-        vulkan_name(VULKAN_INDEX_TYPE, type).text);
-}
-
-enum bvhd_status validate_triangles(const struct validate_subject *subject)
-{
-    const struct geometry_triangles *triangles = &subject->geometry->triangles;
-    const struct vertex_element *format = vertex_element_find(triangles->vertex_format);
-    if (!format)
-        return refuse_format(subject);
-    if (triangles->vertex_stride % format->alignment != 0)
-        return bvhd_error_rule(
-            subject->error, BVHD_VUID_03735, VALIDATE_GEOMETRY_PLACE(subject, "triangles.vertexStride"),
-            "%" PRIu64 " is no multiple of %u, as %s needs", triangles->vertex_stride, format->alignment, format->name);
-    if (triangles->vertex_stride > UINT32_MAX)
-        return bvhd_error_rule(subject->error, BVHD_VUID_03819,
-                               VALIDATE_GEOMETRY_PLACE(subject, "triangles.vertexStride"),
-                               "%" PRIu64 " is over 2^32 - 1", triangles->vertex_stride);
-    return check_index_type(subject);
 }

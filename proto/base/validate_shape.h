@@ -18,6 +18,7 @@ struct validate_subject {
     const struct geometry *geometry;
     uint32_t info, index;
     struct bvhd_error *error;
+    bool ignores_strides; /* for the query of sizes, which reads no memory */
 };
 
 /* The places of a member of the geometry, and of its range, as texts; for files that include place.h. */
@@ -33,13 +34,11 @@ enum bvhd_status validate_geometry_count(uint32_t type, uint32_t count, uint32_t
                                          struct bvhd_error *error);
 
 /*
- * Checks what the geometry is, as one of `input`, and how much of it there is. *total counts the primitives of all
- * geometries so far; it begins with 0.
+ * Checks what the geometry is, as one of `input`, and how much of it there is. The input's geometries are checked in
+ * their order, up to the first that fails. *total counts the primitives of all geometries so far; it begins with 0.
+ * What only one kind of geometry has is left to kind->check_shape (kind.h).
  */
 enum bvhd_status validate_geometry(const struct validate_subject *subject, const struct build_input *input,
                                    const struct limits *limits, uint64_t *total);
-
-/* Checks format, stride and index type of a geometry of triangles. */
-enum bvhd_status validate_triangles(const struct validate_subject *subject);
 
 #endif

@@ -49,13 +49,6 @@ static const struct {
     {VULKAN_STRUCTURE_TYPE, 1000150020, "VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_BUILD_SIZES_INFO_KHR"},
 };
 
-static struct vulkan_name number(const char *prefix, uint32_t value)
-{
-    struct vulkan_name result;
-    snprintf(result.text, sizeof result.text, "%s%" PRIu32, prefix, value);
-    return result;
-}
-
 struct vulkan_name vulkan_name(enum vulkan_enum of, uint32_t value)
 {
     struct vulkan_name result;
@@ -64,19 +57,6 @@ struct vulkan_name vulkan_name(enum vulkan_enum of, uint32_t value)
             snprintf(result.text, sizeof result.text, "%s", names[i].name);
             return result;
         }
-    return number("", value);
-}
-
-struct vulkan_name vulkan_geometry_noun(uint32_t type)
-{
-    switch (type) {
-    case 0:
-        return (struct vulkan_name){"triangles"};
-    case 1:
-        return (struct vulkan_name){"AABBs"};
-    case 2:
-        return (struct vulkan_name){"instances"};
-    default:
-        return number("geometry type ", type);
-    }
+    snprintf(result.text, sizeof result.text, "%" PRIu32, value);
+    return result;
 }

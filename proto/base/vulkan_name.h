@@ -18,7 +18,4 @@ struct vulkan_name {
  */
 struct vulkan_name vulkan_name(enum vulkan_enum of, uint32_t value);
 
-/* Returns what geometries of this VkGeometryTypeKHR are made of, such as "triangles", or "geometry type 7". */
-struct vulkan_name vulkan_geometry_noun(uint32_t type);
-
 #endif

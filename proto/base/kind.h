@@ -1,0 +1,43 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * kind.h - what distinguishes the kinds of geometry: one struct a kind, so that code for all kinds has no tests for
+ * single ones. Each folder that treats kinds differently has a table of its own, indexed by enum kind_number.
+ *
+ * All functions may be called from any thread.
+ */
+#ifndef BVHD_KIND_H
+#define BVHD_KIND_H
+
+#include "proto/base/geometry.h"
+#include "proto/base/status.h"
+
+struct validate_subject;
+
+/* The kinds of geometry, numbered without gaps, which Vulkan's numbers are not. */
+enum kind_number { KIND_TRIANGLES, KIND_AABBS, KIND_INSTANCES, KIND_COUNT };
+
+struct kind {
+    uint32_t type; /* GEOMETRY_ */
+    enum kind_number number;
+    const char *noun; /* in texts: "AABBs" */
+    const char *member; /* in places, as in "infos[0].geometries[1].aabbs.stride": "aabbs" */
+    bool is_top; /* top levels are made of it and of nothing else; bottom levels never are */
+    enum bvhd_vuid too_many; /* the rule that more primitives than the limit break */
+    uint32_t primitive_bytes; /* of a primitive in a canonical copy, without its vertices, at the most */
+
+    /*
+     * Checks formats, strides and index type of a geometry of this kind. It returns BVHD_INVALID with the rule and the
+     * place.
+     */
+    enum bvhd_status (*check_shape)(const struct validate_subject *subject);
+
+    /* Returns how many vertices a canonical copy of the geometry has at the most. The geometry need not be valid. */
+    uint64_t (*vertices)(const struct geometry *geometry);
+};
+
+/* Returns the kind with this VkGeometryTypeKHR, or NULL for a type of which bvhd builds nothing. */
+const struct kind *kind_find(uint32_t type);
+
+const struct kind *kind_at(enum kind_number number);
+
+#endif

@@ -1,0 +1,13 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* kind_internal.h - the kinds, one a file, and what those share that have no formats or vertices. */
+#ifndef BVHD_KIND_INTERNAL_H
+#define BVHD_KIND_INTERNAL_H
+
+#include "proto/base/kind.h"
+
+extern const struct kind kind_triangles, kind_aabbs, kind_instances;
+
+/* For kinds whose primitives have no vertices. */
+uint64_t kind_no_vertices(const struct geometry *geometry);
+
+#endif
