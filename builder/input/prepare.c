@@ -3,6 +3,7 @@
 
 #include "builder/input/canonical_form.h"
 #include "builder/input/fetch.h"
+#include "proto/base/kind.h"
 #include "proto/base/place.h"
 #include "builder/input/reference_rows.h"
 #include "builder/input/validate.h"
@@ -72,19 +73,6 @@ static void shrink(struct work *work)
         resize(work, work->size);
 }
 
-uint64_t prepare_most_vertices(const struct geometry *geometry)
-{
-    const struct geometry_triangles *triangles = &geometry->triangles;
-    if (geometry->type != GEOMETRY_TRIANGLES || geometry->range.primitive_count == 0)
-        return 0;
-    if (triangles->vertex_stride == 0)
-        return 1;
-    if (triangles->index_type == INDEX_NONE)
-        return 3 * (uint64_t)geometry->range.primitive_count;
-    uint64_t given = triangles->vertices.size / triangles->vertex_stride, named = (uint64_t)triangles->max_vertex + 1;
-    return named <= given ? named : given + 1;
-}
-
 /* Returns how many bytes of positions to expect after the first `size` bytes of a block that would be copied. */
 static uint64_t positions_expected(const struct work *work, uint64_t size)
 {
@@ -92,8 +80,10 @@ static uint64_t positions_expected(const struct work *work, uint64_t size)
     uint64_t most = 0;
     if (size >= COPIED_BELOW)
         return 0;
-    for (uint32_t i = 0; i < work->input->geometry_count && most <= MOST_RATIO * size; i++)
-        most += bytes_align(prepare_most_vertices(&work->input->geometries[i]) * 3 * sizeof(float), FORM_ALIGNMENT);
+    for (uint32_t i = 0; i < work->input->geometry_count && most <= MOST_RATIO * size; i++) {
+        const struct geometry *geometry = &work->input->geometries[i];
+        most += bytes_align(kind_find(geometry->type)->vertices(geometry) * 3 * sizeof(float), FORM_ALIGNMENT);
+    }
     return most <= MOST_RATIO * size && size + most <= work->max_bytes ? most : 0;
 }
 

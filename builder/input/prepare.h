@@ -32,9 +32,6 @@ enum bvhd_status prepare(const struct build_input *input, uint32_t index, const 
                          const struct build_context *context, struct canonical *ret_canonical,
                          struct bvhd_error *error);
 
-/* Returns how many vertices of a geometry the copy has at the most. The geometry need not be valid. */
-uint64_t prepare_most_vertices(const struct geometry *geometry);
-
 /* Frees what prepare or prepare_open made, and zeroes the view. `canonical` may be NULL or already zeroed. */
 void prepare_finish(struct canonical *canonical, struct memory *memory);
 
