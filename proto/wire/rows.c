@@ -5,34 +5,37 @@
 #include <stdatomic.h>
 
 #include "proto/base/place.h"
+#include "proto/wire/row_kind.h"
 
-/* The kinds of memory that a geometry's row can name. */
-enum { ARRAY_DATA, ARRAY_INDICES, ARRAY_TRANSFORM, ARRAY_COUNT };
+/* The spans of a row, in the order of enum row_array. */
+static const struct {
+    const char *name;
+    size_t at; /* in the row */
+} row_spans[ROW_ARRAYS] = {
+    [ROW_DATA] = {"data", offsetof(struct geometry_row, data)},
+    [ROW_INDICES] = {"indices", offsetof(struct geometry_row, indices)},
+    [ROW_TRANSFORM] = {"transform", offsetof(struct geometry_row, transform)},
+};
 
 struct arrays {
-    struct bytes of[ARRAY_COUNT]; /* data NULL: not given */
+    struct bytes of[ROW_ARRAYS]; /* data NULL: not given */
 };
 
 static struct arrays arrays_of(const struct geometry *geometry)
 {
+    const struct row_kind *kind = row_kind_find(geometry->type);
     struct arrays arrays = {{{NULL, 0}}};
-    if (geometry->type == GEOMETRY_TRIANGLES) {
-        arrays.of[ARRAY_DATA] = geometry->triangles.vertices;
-        arrays.of[ARRAY_INDICES] = geometry->triangles.indices;
-        arrays.of[ARRAY_TRANSFORM] = geometry->triangles.transform;
-    } else if (geometry->type == GEOMETRY_AABBS) {
-        arrays.of[ARRAY_DATA] = geometry->aabbs.boxes;
-    } else if (geometry->type == GEOMETRY_INSTANCES) {
-        arrays.of[ARRAY_DATA] = geometry->instances.records;
-    }
+    for (int array = 0; array < ROW_ARRAYS; array++)
+        if (kind->arrays[array])
+            memcpy(&arrays.of[array], (const unsigned char *)geometry + kind->arrays[array], sizeof arrays.of[array]);
     return arrays;
 }
 
 /* Places the memory of all geometries in the order of the payload. */
 struct payload_layout {
     struct arrays last; /* of the previous geometry */
-    struct row_span spans[ARRAY_COUNT]; /* of the geometry that was placed last */
-    bool fresh[ARRAY_COUNT]; /* true unless the array shares the span of the previous geometry */
+    struct row_span spans[ROW_ARRAYS]; /* of the geometry that was placed last */
+    bool fresh[ROW_ARRAYS]; /* true unless the array shares the span of the previous geometry */
     uint64_t end;
 };
 
@@ -58,7 +61,7 @@ static bool place_array(struct payload_layout *layout, int array, struct bytes b
 static bool place_geometry(struct payload_layout *layout, const struct geometry *geometry)
 {
     struct arrays arrays = arrays_of(geometry);
-    for (int array = 0; array < ARRAY_COUNT; array++)
+    for (int array = 0; array < ROW_ARRAYS; array++)
         if (!place_array(layout, array, arrays.of[array]))
             return false;
     layout->last = arrays;
@@ -82,8 +85,9 @@ bool rows_payload_size(const struct build_input *input, uint64_t *ret_size)
     return true;
 }
 
-static struct geometry_row geometry_to_row(const struct geometry *geometry, const struct row_span spans[ARRAY_COUNT])
+static struct geometry_row geometry_to_row(const struct geometry *geometry, const struct row_span spans[ROW_ARRAYS])
 {
+    const struct row_kind *kind = row_kind_find(geometry->type);
     struct geometry_row row = {
         .type = geometry->type,
         .flags = geometry->flags,
@@ -91,18 +95,12 @@ static struct geometry_row geometry_to_row(const struct geometry *geometry, cons
         .primitive_offset = geometry->range.primitive_offset,
         .first_vertex = geometry->range.first_vertex,
         .transform_offset = geometry->range.transform_offset,
-        .data = spans[ARRAY_DATA],
-        .indices = spans[ARRAY_INDICES],
-        .transform = spans[ARRAY_TRANSFORM],
     };
-    if (geometry->type == GEOMETRY_TRIANGLES) {
-        row.vertex_format = geometry->triangles.vertex_format;
-        row.max_vertex = geometry->triangles.max_vertex;
-        row.index_type = geometry->triangles.index_type;
-        row.stride = geometry->triangles.vertex_stride;
-    } else if (geometry->type == GEOMETRY_AABBS) {
-        row.stride = geometry->aabbs.stride;
-    }
+    for (int i = 0; i < ROW_KIND_FIELDS; i++)
+        memcpy((unsigned char *)&row + kind->fields[i].row, (const unsigned char *)geometry + kind->fields[i].geometry,
+               kind->fields[i].size);
+    for (int array = 0; array < ROW_ARRAYS; array++)
+        memcpy((unsigned char *)&row + row_spans[array].at, &spans[array], sizeof spans[array]);
     return row;
 }
 
@@ -147,7 +145,7 @@ static enum bvhd_status stream_data(const struct build_input *input, rows_sink s
     enum bvhd_status status = BVHD_OK;
     for (uint32_t i = 0; i < input->geometry_count; i++) {
         place_geometry(&layout, &input->geometries[i]);
-        for (int array = 0; array < ARRAY_COUNT; array++)
+        for (int array = 0; array < ROW_ARRAYS; array++)
             if (status == BVHD_OK && layout.fresh[array] && layout.last.of[array].data)
                 status = stream_array(layout.last.of[array], sink, context);
     }
@@ -239,37 +237,37 @@ static enum bvhd_status copy_row(const struct rows_reader *reading, const struct
     return BVHD_OK;
 }
 
-static enum bvhd_status read_span(const struct rows_reader *reading, uint32_t geometry, const char *name,
-                                  struct row_span span, struct bytes *ret_bytes)
+/* Finds the bytes that a span of a geometry's row names. */
+static enum bvhd_status read_span(const struct rows_reader *reading, uint32_t geometry, const struct geometry_row *row,
+                                  int array, struct bytes *ret_bytes)
 {
+    struct row_span span;
+    memcpy(&span, (const unsigned char *)row + row_spans[array].at, sizeof span);
     if (span.offset == 0 && span.size == 0) {
         *ret_bytes = (struct bytes){NULL, 0};
         return BVHD_OK;
     }
     if (span.offset == 0 || !bytes_reach(reading->payload.size, span.offset, 0, 0, span.size))
-        return bvhd_error_set(reading->error, BVHD_CORRUPT,
-                              place("infos[%u].geometries[%u].%s", reading->index, geometry, name).text,
-                              "%" PRIu64 " bytes at %" PRIu64 " are outside of the payload", span.size, span.offset);
+        return bvhd_error_set(
+            reading->error, BVHD_CORRUPT,
+            place("infos[%u].geometries[%u].%s", reading->index, geometry, row_spans[array].name).text,
+            "%" PRIu64 " bytes at %" PRIu64 " are outside of the payload", span.size, span.offset);
     *ret_bytes = (struct bytes){reading->payload.data + span.offset, span.size};
     return BVHD_OK;
 }
 
-static enum bvhd_status read_triangles(const struct rows_reader *reading, uint32_t i, const struct geometry_row *row,
-                                       struct geometry_triangles *ret_triangles)
+static enum bvhd_status read_arrays(const struct rows_reader *reading, uint32_t i, const struct geometry_row *row,
+                                    const struct row_kind *kind, struct geometry *geometry)
 {
-    struct geometry_triangles triangles = {
-        .vertex_format = row->vertex_format,
-        .max_vertex = row->max_vertex,
-        .vertex_stride = row->stride,
-        .index_type = row->index_type,
-    };
-    enum bvhd_status status = read_span(reading, i, "data", row->data, &triangles.vertices);
-    if (status == BVHD_OK)
-        status = read_span(reading, i, "indices", row->indices, &triangles.indices);
-    if (status == BVHD_OK)
-        status = read_span(reading, i, "transform", row->transform, &triangles.transform);
-    if (status == BVHD_OK)
-        *ret_triangles = triangles;
+    enum bvhd_status status = BVHD_OK;
+    for (int array = 0; array < ROW_ARRAYS && status == BVHD_OK; array++) {
+        struct bytes bytes;
+        if (!kind->arrays[array])
+            continue;
+        status = read_span(reading, i, row, array, &bytes);
+        if (status == BVHD_OK)
+            memcpy((unsigned char *)geometry + kind->arrays[array], &bytes, sizeof bytes);
+    }
     return status;
 }
 
@@ -277,6 +275,7 @@ static enum bvhd_status read_triangles(const struct rows_reader *reading, uint32
 static enum bvhd_status row_to_geometry(const struct rows_reader *reading, uint32_t i, const struct geometry_row *row,
                                         struct geometry *ret_geometry)
 {
+    const struct row_kind *kind = row_kind_find(row->type);
     if (row->reserved != 0)
         return bvhd_error_set(reading->error, BVHD_UNSUPPORTED,
                               place("infos[%u].geometries[%u]", reading->index, i).text, "fields of a newer version");
@@ -289,14 +288,10 @@ static enum bvhd_status row_to_geometry(const struct rows_reader *reading, uint3
         .first_vertex = row->first_vertex,
         .transform_offset = row->transform_offset,
     };
-    if (row->type == GEOMETRY_TRIANGLES)
-        return read_triangles(reading, i, row, &ret_geometry->triangles);
-    if (row->type == GEOMETRY_INSTANCES)
-        return read_span(reading, i, "data", row->data, &ret_geometry->instances.records);
-    if (row->type != GEOMETRY_AABBS)
-        return BVHD_OK;
-    ret_geometry->aabbs.stride = row->stride;
-    return read_span(reading, i, "data", row->data, &ret_geometry->aabbs.boxes);
+    for (int f = 0; f < ROW_KIND_FIELDS; f++)
+        memcpy((unsigned char *)ret_geometry + kind->fields[f].geometry,
+               (const unsigned char *)row + kind->fields[f].row, kind->fields[f].size);
+    return read_arrays(reading, i, row, kind, ret_geometry);
 }
 
 static enum bvhd_status refuse_reference(const struct rows_reader *reading, uint32_t i, enum bvhd_status status,

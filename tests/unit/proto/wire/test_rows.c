@@ -300,7 +300,7 @@ static void spans_outside_are_refused(void **state)
     free(payload.bytes);
 }
 
-/* Fields that a type does not use are ignored. */
+/* Fields that a type does not use are written as 0, and ignored. */
 static void other_fields_are_ignored(void **state)
 {
     (void)state;
@@ -309,6 +309,9 @@ static void other_fields_are_ignored(void **state)
     struct payload payload = write_payload(&test.input);
     struct geometry_row row;
     memcpy(&row, payload.bytes, sizeof row);
+    assert_true(row.vertex_format == 0 && row.max_vertex == 0 && row.index_type == 0);
+    assert_true(row.indices.offset == 0 && row.indices.size == 0);
+    assert_true(row.transform.offset == 0 && row.transform.size == 0);
     row.vertex_format = row.max_vertex = row.index_type = 4711;
     row.indices = row.transform = (struct row_span){UINT64_MAX, UINT64_MAX};
     memcpy(payload.bytes, &row, sizeof row);
