@@ -1,51 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "client/vulkan_input.h"
 
-#include "proto/base/handle_table.h"
+#include "client/vulkan_input_kind.h"
 #include "proto/base/place.h"
 #include "proto/base/request_limits.h"
 #include "proto/base/validate_shape.h"
-#include "proto/base/vertex_element.h"
 #include "proto/base/vulkan_name.h"
-
-enum { RECORD_SIZE = sizeof(VkAccelerationStructureInstanceKHR), RECORD_REFERENCE = 56 };
-_Static_assert(RECORD_SIZE == 64, "instance records are read by offset");
-
-/* The memory that one entry owns. */
-struct entry_memory {
-    struct geometry *geometries;
-    struct reference *references;
-    unsigned char *records; /* instance records, gathered from pointers */
-};
-
-struct vulkan_input {
-    struct memory *memory;
-    uint32_t count;
-    struct build_input *entries;
-    struct entry_memory *owned;
-};
-
-/* The arguments of one call, and tables that are derived from them once. */
-struct input_call {
-    const VkAccelerationStructureBuildGeometryInfoKHR *infos;
-    uint32_t count;
-    const VkAccelerationStructureBuildRangeInfoKHR *const *ranges;
-    const struct reference *references;
-    uint32_t reference_count;
-    const struct build_options *options;
-    struct memory *memory;
-    struct handle_entry *known; /* references, sorted by handle */
-    struct handle_entry *destinations; /* destinations, sorted by handle */
-};
-
-/* The entry that is being converted. */
-struct input_entry {
-    const struct input_call *call;
-    const VkAccelerationStructureBuildGeometryInfoKHR *info;
-    uint32_t index;
-    struct entry_memory *owned;
-    struct bvhd_error *error;
-};
 
 /*
  * pNext structs that Vulkan allows but bvhd does not support. The types are numbers, because installed headers are
@@ -64,11 +24,6 @@ static const struct {
     {1000623002, "micromap data"},
     {1000623003, "an opacity micromap"},
 };
-
-static enum bvhd_status no_memory(const struct input_entry *entry)
-{
-    return bvhd_error_no_memory(entry->error, place("infos[%u]", entry->index).text, "no memory for the description");
-}
 
 static enum bvhd_status check_chain(const struct input_entry *entry, enum bvhd_vuid vuid, struct place where,
                                     const void *chain)
@@ -95,32 +50,18 @@ static enum bvhd_status check_structure_type(const struct input_entry *entry, en
 }
 
 /* Checks sType and pNext of the data of geometry `index`. */
-static enum bvhd_status check_data_head(const struct input_entry *entry, uint32_t index,
+static enum bvhd_status check_data_head(const struct input_entry *entry, uint32_t index, const struct kind *kind,
                                         const VkAccelerationStructureGeometryKHR *source)
 {
-    static const struct {
-        VkStructureType type;
-        enum bvhd_vuid type_rule, chain_rule;
-        const char *name;
-    } heads[] = {
-        {VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_GEOMETRY_TRIANGLES_DATA_KHR, BVHD_VUID_TrianglesData_sType_sType,
-         BVHD_VUID_TrianglesData_pNext_pNext, "triangles"},
-        {VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_GEOMETRY_AABBS_DATA_KHR, BVHD_VUID_AabbsData_sType_sType,
-         BVHD_VUID_AabbsData_pNext_pNext, "aabbs"},
-        {VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_GEOMETRY_INSTANCES_DATA_KHR, BVHD_VUID_InstancesData_sType_sType,
-         BVHD_VUID_InstancesData_pNext_pNext, "instances"},
-    };
-    uint32_t type = (uint32_t)source->geometryType;
-    if (type > GEOMETRY_INSTANCES)
-        return BVHD_OK; /* validate_input reports it */
+    const struct vulkan_input_kind *input_kind = vulkan_input_kind_at(kind->number);
     const VkBaseInStructure *head = (const void *)&source->geometry;
     enum bvhd_status status = check_structure_type(
-        entry, heads[type].type_rule, place("infos[%u].geometries[%u].%s.sType", entry->index, index, heads[type].name),
-        head->sType, heads[type].type);
+        entry, input_kind->type_rule, place("infos[%u].geometries[%u].%s.sType", entry->index, index, kind->member),
+        head->sType, input_kind->head);
     if (status != BVHD_OK)
         return status;
-    return check_chain(entry, heads[type].chain_rule,
-                       place("infos[%u].geometries[%u].%s.pNext", entry->index, index, heads[type].name), head->pNext);
+    return check_chain(entry, input_kind->chain_rule,
+                       place("infos[%u].geometries[%u].%s.pNext", entry->index, index, kind->member), head->pNext);
 }
 
 static enum bvhd_status check_geometry_head(const struct input_entry *entry, uint32_t index,
@@ -132,7 +73,7 @@ static enum bvhd_status check_geometry_head(const struct input_entry *entry, uin
     if (status == BVHD_OK)
         status = check_chain(entry, BVHD_VUID_Geometry_pNext_pNext,
                              place("infos[%u].geometries[%u].pNext", entry->index, index), source->pNext);
-    return status == BVHD_OK ? check_data_head(entry, index, source) : status;
+    return status;
 }
 
 /*
@@ -181,135 +122,15 @@ static enum bvhd_status check_head(const struct input_entry *entry)
                            info->geometryCount);
 }
 
-/*
- * Returns offset + stride * (count - 1) + size: the bytes that `count` elements need. It returns 0 if there are no
- * elements, if the sum does not fit 64 bits, or if the stride breaks Vulkan's rules: the memory of a program that
- * passes nonsense must not be read at such lengths. is_countable does the same for numbers of primitives.
- */
-static uint64_t extent(uint64_t offset, uint64_t stride, uint64_t count, uint64_t size)
+/* Converts what only one kind of geometry has. Nothing is read of a type that validate_input refuses. */
+static enum bvhd_status convert_data(const struct input_entry *entry, uint32_t index,
+                                     const VkAccelerationStructureGeometryKHR *source, struct geometry *geometry)
 {
-    uint64_t bytes;
-    if (count == 0 || stride > UINT32_MAX || !bytes_mul(stride, count - 1, &bytes) ||
-        !bytes_add(bytes, offset, &bytes) || !bytes_add(bytes, size, &bytes))
-        return 0;
-    return bytes;
-}
-
-/* Returns whether a structure can have this many primitives; validate_input refuses others without their data. */
-static bool is_countable(const struct geometry_range *range)
-{
-    return range->primitive_count <= LIMIT_MAX_PRIMITIVES;
-}
-
-static struct bytes bytes_at(const void *address, uint64_t size)
-{
-    return (struct bytes){address, address ? size : 0};
-}
-
-static uint64_t element_size(uint32_t format)
-{
-    const struct vertex_element *element = vertex_element_find(format);
-    return element ? element->size : 0;
-}
-
-/*
- * With indices, any vertex up to maxVertex may be used, and the array begins at vertex 0; without indices the range
- * says what is read.
- */
-static uint64_t vertex_bytes(const VkAccelerationStructureGeometryTrianglesDataKHR *source,
-                             const struct geometry_range *range)
-{
-    uint64_t size = element_size((uint32_t)source->vertexFormat);
-    if (range->primitive_count == 0 || !is_countable(range))
-        return 0;
-    if (source->indexType != VK_INDEX_TYPE_NONE_KHR)
-        return extent(0, source->vertexStride, (uint64_t)source->maxVertex + 1, size);
-    return extent(range->primitive_offset, source->vertexStride,
-                  (uint64_t)range->first_vertex + (uint64_t)3 * range->primitive_count, size);
-}
-
-/* For an unknown index type the size is unknown: nothing is read, and validate_input reports it. */
-static uint64_t index_bytes(const VkAccelerationStructureGeometryTrianglesDataKHR *source,
-                            const struct geometry_range *range)
-{
-    uint64_t size = source->indexType == VK_INDEX_TYPE_UINT16 ? 2 : source->indexType == VK_INDEX_TYPE_UINT32 ? 4 : 0;
-    return size > 0 && is_countable(range) ? extent(range->primitive_offset, 3 * size, range->primitive_count, 3 * size)
-                                           : 0;
-}
-
-static struct geometry_triangles convert_triangles(const VkAccelerationStructureGeometryTrianglesDataKHR *source,
-                                                   const struct geometry_range *range)
-{
-    bool indexed = source->indexType != VK_INDEX_TYPE_NONE_KHR;
-    return (struct geometry_triangles){
-        .vertex_format = (uint32_t)source->vertexFormat,
-        .max_vertex = source->maxVertex,
-        .vertex_stride = source->vertexStride,
-        .index_type = (uint32_t)source->indexType,
-        .vertices = bytes_at(source->vertexData.hostAddress, vertex_bytes(source, range)),
-        .indices = bytes_at(indexed ? source->indexData.hostAddress : NULL, index_bytes(source, range)),
-        .transform = bytes_at(source->transformData.hostAddress,
-                              extent(range->transform_offset, 0, 1, sizeof(VkTransformMatrixKHR))),
-    };
-}
-
-static struct geometry_aabbs convert_aabbs(const VkAccelerationStructureGeometryAabbsDataKHR *source,
-                                           const struct geometry_range *range)
-{
-    uint64_t size = is_countable(range) ? extent(range->primitive_offset, source->stride, range->primitive_count,
-                                                 sizeof(VkAabbPositionsKHR))
-                                        : 0;
-    return (struct geometry_aabbs){source->stride, bytes_at(source->data.hostAddress, size)};
-}
-
-/* Copies the records behind the pointers into an array that the entry owns; the range then starts at 0. */
-static enum bvhd_status gather(const struct input_entry *entry, const unsigned char *pointers,
-                               struct geometry *geometry)
-{
-    uint32_t count = geometry->range.primitive_count;
-    unsigned char *records = memory_array(entry->call->memory, count, RECORD_SIZE);
-    if (!records)
-        return no_memory(entry);
-    entry->owned->records = records;
-    pointers += geometry->range.primitive_offset;
-    for (uint32_t i = 0; i < count; i++) {
-        const void *record;
-        memcpy(&record, pointers + i * sizeof record, sizeof record);
-        if (!record)
-            return bvhd_error_rule(entry->error, BVHD_VUID_03778,
-                                   place("infos[%u].geometries[0].instances[%u]", entry->index, i).text,
-                                   "the pointer to this instance is NULL");
-        memcpy(records + (size_t)i * RECORD_SIZE, record, RECORD_SIZE);
-    }
-    geometry->range.primitive_offset = 0;
-    geometry->instances.records = (struct bytes){records, (uint64_t)count * RECORD_SIZE};
-    return BVHD_OK;
-}
-
-/*
- * Returns whether records may be read: the description is valid as far as it is needed here. validate_input rejects all
- * others before it reads records.
- */
-static bool are_readable(const struct input_entry *entry, const struct geometry *geometry)
-{
-    return entry->info->type == VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR && entry->info->geometryCount == 1 &&
-           !(entry->info->flags & VK_BUILD_ACCELERATION_STRUCTURE_MOTION_BIT_NV) &&
-           geometry->range.primitive_count > 0 && geometry->range.primitive_count <= LIMIT_MAX_INSTANCES &&
-           geometry->range.primitive_offset % 16 == 0;
-}
-
-static enum bvhd_status convert_instances(const struct input_entry *entry,
-                                          const VkAccelerationStructureGeometryInstancesDataKHR *source,
-                                          struct geometry *geometry)
-{
-    const struct geometry_range *range = &geometry->range;
-    bool is_possible = range->primitive_count <= LIMIT_MAX_INSTANCES;
-    uint64_t size = is_possible ? extent(range->primitive_offset, RECORD_SIZE, range->primitive_count, RECORD_SIZE) : 0;
-    /* An array of pointers has no records to read. */
-    geometry->instances.records = bytes_at(source->data.hostAddress, source->arrayOfPointers ? 0 : size);
-    if (!source->arrayOfPointers || !source->data.hostAddress || !are_readable(entry, geometry))
+    const struct kind *kind = kind_find(geometry->type);
+    if (!kind)
         return BVHD_OK;
-    return gather(entry, source->data.hostAddress, geometry);
+    enum bvhd_status status = check_data_head(entry, index, kind, source);
+    return status == BVHD_OK ? vulkan_input_kind_at(kind->number)->convert(entry, source, geometry) : status;
 }
 
 static enum bvhd_status convert_geometry(const struct input_entry *entry, uint32_t index, struct geometry *geometry)
@@ -330,86 +151,7 @@ static enum bvhd_status convert_geometry(const struct input_entry *entry, uint32
         .flags = source->flags,
         .range = {range->primitiveCount, range->primitiveOffset, range->firstVertex, range->transformOffset},
     };
-    if (geometry->type == GEOMETRY_TRIANGLES)
-        geometry->triangles = convert_triangles(&source->geometry.triangles, &geometry->range);
-    else if (geometry->type == GEOMETRY_AABBS)
-        geometry->aabbs = convert_aabbs(&source->geometry.aabbs, &geometry->range);
-    else if (geometry->type == GEOMETRY_INSTANCES)
-        status = convert_instances(entry, &source->geometry.instances, geometry);
-    return status;
-}
-
-static bool is_built_elsewhere(const struct input_entry *entry, uint64_t handle)
-{
-    const struct input_call *call = entry->call;
-    uint32_t at = handle_find(call->destinations, call->count, handle);
-    if (at != HANDLE_NONE && call->destinations[at].number == entry->index)
-        at++;
-    return at < call->count && call->destinations[at].handle == handle;
-}
-
-/* Marks the references that the records name. Unknown handles are left for prepare to report. */
-static enum bvhd_status mark_named(const struct input_entry *entry, const struct geometry *geometry,
-                                   unsigned char *marks)
-{
-    const struct input_call *call = entry->call;
-    const unsigned char *records = geometry->instances.records.data + geometry->range.primitive_offset;
-    uint64_t last = 0;
-    for (uint32_t i = 0; i < geometry->range.primitive_count; i++) {
-        uint64_t handle = bytes_get64(records + (size_t)i * RECORD_SIZE + RECORD_REFERENCE);
-        if (handle == last)
-            continue;
-        last = handle;
-        uint32_t at = handle ? handle_find(call->known, call->reference_count, handle) : HANDLE_NONE;
-        if (at != HANDLE_NONE)
-            marks[call->known[at].number] = 1;
-        else if (handle != 0 && is_built_elsewhere(entry, handle))
-            return bvhd_error_rule(
-                entry->error, BVHD_VUID_03407,
-                place("infos[%u].geometries[0].instances[%u].accelerationStructureReference", entry->index, i).text,
-                "another entry of this call builds into this structure");
-    }
-    return BVHD_OK;
-}
-
-static enum bvhd_status copy_marked(const struct input_entry *entry, const unsigned char *marks,
-                                    struct build_input *description)
-{
-    const struct input_call *call = entry->call;
-    uint32_t count = 0;
-    for (uint32_t i = 0; i < call->reference_count; i++)
-        count += marks[i];
-    if (count == 0)
-        return BVHD_OK;
-    struct reference *references = memory_array(call->memory, count, sizeof *references);
-    if (!references)
-        return no_memory(entry);
-    entry->owned->references = references;
-    description->references = references;
-    description->reference_count = count;
-    for (uint32_t i = 0; i < call->reference_count; i++)
-        if (marks[i])
-            *references++ = call->references[i];
-    return BVHD_OK;
-}
-
-/* Selects the references of a top level that its instances name, so that the description is self-contained. */
-static enum bvhd_status select_references(const struct input_entry *entry, struct build_input *description)
-{
-    const struct geometry *geometry = description->geometries;
-    if (description->geometry_count != 1 || geometry->type != GEOMETRY_INSTANCES || !geometry->instances.records.data ||
-        !are_readable(entry, geometry))
-        return BVHD_OK;
-    uint32_t count = entry->call->reference_count;
-    unsigned char *marks = memory_alloc(entry->call->memory, (uint64_t)count + 1);
-    if (!marks)
-        return no_memory(entry);
-    memset(marks, 0, (size_t)count + 1);
-    enum bvhd_status status = mark_named(entry, geometry, marks);
-    if (status == BVHD_OK)
-        status = copy_marked(entry, marks, description);
-    memory_free(entry->call->memory, marks);
-    return status;
+    return convert_data(entry, index, source, geometry);
 }
 
 static enum bvhd_status convert_geometries(const struct input_entry *entry, struct build_input *description)
@@ -419,7 +161,7 @@ static enum bvhd_status convert_geometries(const struct input_entry *entry, stru
         return BVHD_OK;
     struct geometry *geometries = memory_array(entry->call->memory, count, sizeof *geometries);
     if (!geometries)
-        return no_memory(entry);
+        return vulkan_input_no_memory(entry);
     entry->owned->geometries = geometries;
     description->geometries = geometries;
     description->geometry_count = count;
@@ -444,11 +186,12 @@ static enum bvhd_status convert_entry(const struct input_entry *entry, struct bu
         .options = *entry->call->options,
     };
     status = convert_geometries(entry, &description);
-    if (status == BVHD_OK)
-        status = select_references(entry, &description);
-    if (status == BVHD_OK)
-        *ret_description = description;
-    return status;
+    if (status != BVHD_OK)
+        return status;
+    description.references = entry->owned->references;
+    description.reference_count = entry->owned->reference_count;
+    *ret_description = description;
+    return BVHD_OK;
 }
 
 static void free_owned(struct entry_memory *owned, struct memory *memory)
@@ -539,22 +282,6 @@ enum bvhd_status vulkan_input_create(const VkAccelerationStructureBuildGeometryI
 const struct build_input *vulkan_input_entries(const struct vulkan_input *input)
 {
     return input->entries;
-}
-
-bool vulkan_input_own_records(struct vulkan_input *input, uint32_t entry)
-{
-    struct entry_memory *owned = &input->owned[entry];
-    if (owned->records)
-        return true;
-    struct geometry *geometry = owned->geometries;
-    uint64_t size = (uint64_t)geometry->range.primitive_count * RECORD_SIZE;
-    owned->records = memory_alloc(input->memory, size);
-    if (!owned->records)
-        return false;
-    memcpy(owned->records, geometry->instances.records.data + geometry->range.primitive_offset, size);
-    geometry->range.primitive_offset = 0;
-    geometry->instances.records = (struct bytes){owned->records, size};
-    return true;
 }
 
 void vulkan_input_set_source_key(struct vulkan_input *input, uint32_t entry, const struct key *key)

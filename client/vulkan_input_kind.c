@@ -1,0 +1,39 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "client/vulkan_input_kind.h"
+
+#include "proto/base/place.h"
+#include "proto/base/request_limits.h"
+
+const struct vulkan_input_kind *vulkan_input_kind_at(enum kind_number number)
+{
+    static const struct vulkan_input_kind *const kinds[KIND_COUNT] = {
+        [KIND_TRIANGLES] = &vulkan_input_triangles,
+        [KIND_AABBS] = &vulkan_input_aabbs,
+        [KIND_INSTANCES] = &vulkan_input_instances,
+    };
+    return kinds[number];
+}
+
+uint64_t vulkan_input_extent(uint64_t offset, uint64_t stride, uint64_t count, uint64_t size)
+{
+    uint64_t bytes;
+    if (count == 0 || stride > UINT32_MAX || !bytes_mul(stride, count - 1, &bytes) ||
+        !bytes_add(bytes, offset, &bytes) || !bytes_add(bytes, size, &bytes))
+        return 0;
+    return bytes;
+}
+
+bool vulkan_input_is_countable(const struct geometry_range *range)
+{
+    return range->primitive_count <= LIMIT_MAX_PRIMITIVES;
+}
+
+struct bytes vulkan_input_bytes(const void *address, uint64_t size)
+{
+    return (struct bytes){address, address ? size : 0};
+}
+
+enum bvhd_status vulkan_input_no_memory(const struct input_entry *entry)
+{
+    return bvhd_error_no_memory(entry->error, place("infos[%u]", entry->index).text, "no memory for the description");
+}
