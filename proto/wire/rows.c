@@ -261,7 +261,7 @@ static enum bvhd_status read_arrays(const struct rows_reader *reading, uint32_t 
 {
     enum bvhd_status status = BVHD_OK;
     for (int array = 0; array < ROW_ARRAYS && status == BVHD_OK; array++) {
-        struct bytes bytes;
+        struct bytes bytes = {NULL, 0};
         if (!kind->arrays[array])
             continue;
         status = read_span(reading, i, row, array, &bytes);
