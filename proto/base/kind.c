@@ -5,23 +5,17 @@
 
 #include "proto/base/kind_internal.h"
 
-static const struct kind *const kinds[KIND_COUNT] = {
-    [KIND_TRIANGLES] = &kind_triangles,
-    [KIND_AABBS] = &kind_aabbs,
-    [KIND_INSTANCES] = &kind_instances,
-};
-
 const struct kind *kind_find(uint32_t type)
 {
+    static const struct kind *const kinds[KIND_COUNT] = {
+        [KIND_TRIANGLES] = &kind_triangles,
+        [KIND_AABBS] = &kind_aabbs,
+        [KIND_INSTANCES] = &kind_instances,
+    };
     for (int i = 0; i < KIND_COUNT; i++)
         if (kinds[i]->type == type)
             return kinds[i];
     return NULL;
-}
-
-const struct kind *kind_at(enum kind_number number)
-{
-    return kinds[number];
 }
 
 uint64_t kind_no_vertices(const struct geometry *geometry)

@@ -38,6 +38,4 @@ struct kind {
 /* Returns the kind with this VkGeometryTypeKHR, or NULL for a type of which bvhd builds nothing. */
 const struct kind *kind_find(uint32_t type);
 
-const struct kind *kind_at(enum kind_number number);
-
 #endif
