@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * row_kind.h - says which fields and spans of a geometry's row stand for which members of its description, for each
- * kind of geometry. rows.c writes and reads all kinds by these tables; fields and spans that a kind does not name are
+ * kind of geometry. rows.c writes and reads all kinds by these tables; fields and spans that a kind does not have are
  * written as 0, and ignored when they are read.
  */
 #ifndef BVHD_ROW_KIND_H
@@ -12,17 +12,13 @@
 /* The arrays to which a geometry's row can point, in the order of its spans. */
 enum row_array { ROW_DATA, ROW_INDICES, ROW_TRANSFORM, ROW_ARRAYS };
 
-enum { ROW_KIND_FIELDS = 4 };
-
-/* A field of struct geometry_row, and the member of struct geometry that it stands for: offsets in bytes. */
-struct row_field {
-    uint16_t row, geometry;
-    uint16_t size; /* of both; 0 behind the last field of a kind */
-};
-
 struct row_kind {
-    uint16_t arrays[ROW_ARRAYS]; /* where struct geometry has the array's struct bytes; 0: the kind has no such array */
-    struct row_field fields[ROW_KIND_FIELDS];
+    /* Where struct geometry has the struct bytes of each array, in bytes; 0: the kind has no such array. */
+    uint16_t arrays[ROW_ARRAYS];
+
+    /* Copy the fields that belong to this kind alone. The other fields of the row or of the geometry are 0, or set. */
+    void (*to_row)(const struct geometry *geometry, struct geometry_row *row);
+    void (*from_row)(const struct geometry_row *row, struct geometry *geometry);
 };
 
 /* Returns what rows of this GEOMETRY_ type have: nothing, if the type is not known. */

@@ -96,9 +96,7 @@ static struct geometry_row geometry_to_row(const struct geometry *geometry, cons
         .first_vertex = geometry->range.first_vertex,
         .transform_offset = geometry->range.transform_offset,
     };
-    for (int i = 0; i < ROW_KIND_FIELDS; i++)
-        memcpy((unsigned char *)&row + kind->fields[i].row, (const unsigned char *)geometry + kind->fields[i].geometry,
-               kind->fields[i].size);
+    kind->to_row(geometry, &row);
     for (int array = 0; array < ROW_ARRAYS; array++)
         memcpy((unsigned char *)&row + row_spans[array].at, &spans[array], sizeof spans[array]);
     return row;
@@ -288,9 +286,7 @@ static enum bvhd_status row_to_geometry(const struct rows_reader *reading, uint3
         .first_vertex = row->first_vertex,
         .transform_offset = row->transform_offset,
     };
-    for (int f = 0; f < ROW_KIND_FIELDS; f++)
-        memcpy((unsigned char *)ret_geometry + kind->fields[f].geometry,
-               (const unsigned char *)row + kind->fields[f].row, kind->fields[f].size);
+    kind->from_row(row, ret_geometry);
     return read_arrays(reading, i, row, kind, ret_geometry);
 }
 
