@@ -319,6 +319,13 @@ static void other_fields_are_ignored(void **state)
     assert_int_equal(read_payload(&payload, &input, NULL), BVHD_OK);
     compare_geometries(&test.geometries[0], &input.geometries[0]);
     rows_finish(&input, &memory);
+    row.type = 4711; /* whose spans nobody knows */
+    row.data = row.indices;
+    memcpy(payload.bytes, &row, sizeof row);
+    assert_int_equal(read_payload(&payload, &input, NULL), BVHD_OK);
+    static const struct geometry_triangles none;
+    assert_memory_equal(&input.geometries[0].triangles, &none, sizeof none);
+    rows_finish(&input, &memory);
     free(payload.bytes);
 }
 
