@@ -3,26 +3,23 @@
 
 #include <math.h>
 
+#include "builder/input/input_kind.h"
+#include "proto/base/place.h"
+
 uint64_t form_bytes(const struct form_geometry *row, enum form_section section)
 {
-    uint64_t primitives = row->primitive_count;
+    const struct input_kind *kind = input_kind_of(row->type);
     if (section == FORM_POSITIONS)
-        return row->type == GEOMETRY_TRIANGLES ? (uint64_t)row->vertex_count * 3 * sizeof(float) : 0;
-    switch (row->type) {
-    case GEOMETRY_TRIANGLES:
-        return row->indexed ? primitives * 3 * sizeof(uint32_t) : 0;
-    case GEOMETRY_AABBS:
-        return primitives * 6 * sizeof(float);
-    default:
-        return primitives * FORM_RECORD_SIZE;
-    }
+        return (uint64_t)row->vertex_count * kind->vertex_size;
+    return kind->corners > 0 && !row->indexed ? 0 : (uint64_t)row->primitive_count * kind->primitive_size;
 }
 
 uint64_t *form_offset(struct form_geometry *row, enum form_section section)
 {
-    if (row->type != GEOMETRY_TRIANGLES)
-        return section == FORM_PRIMITIVES ? &row->data_offset : NULL;
-    return section == FORM_PRIMITIVES ? &row->index_offset : &row->data_offset;
+    bool has_vertices = input_kind_of(row->type)->corners > 0;
+    if (section == FORM_POSITIONS)
+        return has_vertices ? &row->data_offset : NULL;
+    return has_vertices ? &row->index_offset : &row->data_offset;
 }
 
 bool form_place(struct form_geometry *rows, uint32_t count, enum form_section section, uint64_t at, uint64_t *ret_end)
@@ -48,13 +45,7 @@ static struct canonical_geometry geometry_view(const unsigned char *block, const
         .primitive_count = row->primitive_count,
         .vertex_count = row->vertex_count,
     };
-    const void *data = row->data_offset ? block + row->data_offset : NULL;
-    if (row->type == GEOMETRY_TRIANGLES)
-        geometry.positions = data;
-    else if (row->type == GEOMETRY_AABBS)
-        geometry.boxes = data;
-    else
-        geometry.instances = data;
+    input_kind_of(row->type)->view(row->data_offset ? block + row->data_offset : NULL, &geometry);
     if (row->indexed)
         geometry.indices = (const void *)(block + row->index_offset);
     return geometry;
@@ -106,4 +97,14 @@ bool form_slabs_valid(const struct slabs *slabs, const struct box *bounds)
     if (!slabs_are_known(slabs))
         return memcmp(slabs, &none, sizeof none) == 0;
     return slabs_are_valid(slabs) && !box_is_empty(bounds);
+}
+
+enum bvhd_status form_corrupt(struct bvhd_error *error, const char *where, const char *text)
+{
+    return bvhd_error_set(error, BVHD_CORRUPT, where, "%s", text);
+}
+
+enum bvhd_status form_corrupt_row(struct bvhd_error *error, uint32_t row, const char *field, const char *text)
+{
+    return form_corrupt(error, place("geometries[%u].%s", row, field).text, text);
 }

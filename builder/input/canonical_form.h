@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * canonical_form.h - defines the bytes of a canonical copy: the tables of FORMATS.md as structs. Only prepare.c, which
- * writes them, prepare_open.c, which reads them back, and the modules that fill sections of them include this header;
- * all other code uses canonical.h.
+ * writes them, prepare_open.c, which reads them back, and the modules that fill sections of them or go through them
+ * include this header; all other code uses canonical.h.
  *
  * A block holds the header, the geometry rows, the arrays of primitives (indices, boxes, instance records) in the order
  * of geometries, the positions in the order of geometries, and the reference rows. Every section starts at a multiple
@@ -42,7 +42,7 @@ struct form_geometry {
     uint32_t type; /* GEOMETRY_ */
     uint32_t flags; /* GEOMETRY_OPAQUE, ... */
     uint32_t primitive_count;
-    uint32_t vertex_count; /* 0 unless the geometry has triangles */
+    uint32_t vertex_count; /* 0 unless the geometry has vertices */
     uint64_t data_offset; /* offset of positions, boxes or records; 0 when there are none */
     uint64_t index_offset; /* offset of indices; 0 when there are none */
     uint32_t indexed; /* 1: triangle i has three indices; 0: it is made of vertices 3i .. 3i+2 */
@@ -93,5 +93,9 @@ bool form_bounds_valid(const struct box *bounds);
  * or the bounds are empty.
  */
 bool form_slabs_valid(const struct slabs *slabs, const struct box *bounds);
+
+/* Report a field, of the block or of one of its rows, that prepare() would not have written. Return BVHD_CORRUPT. */
+enum bvhd_status form_corrupt(struct bvhd_error *error, const char *where, const char *text);
+enum bvhd_status form_corrupt_row(struct bvhd_error *error, uint32_t row, const char *field, const char *text);
 
 #endif

@@ -3,6 +3,7 @@
 
 #include "builder/input/canonical_form.h"
 #include "builder/input/fetch.h"
+#include "builder/input/input_kind.h"
 #include "proto/base/kind.h"
 #include "proto/base/place.h"
 #include "builder/input/reference_rows.h"
@@ -82,7 +83,8 @@ static uint64_t positions_expected(const struct work *work, uint64_t size)
         return 0;
     for (uint32_t i = 0; i < work->input->geometry_count && most <= MOST_RATIO * size; i++) {
         const struct geometry *geometry = &work->input->geometries[i];
-        most += bytes_align(kind_find(geometry->type)->vertices(geometry) * 3 * sizeof(float), FORM_ALIGNMENT);
+        uint64_t vertices = kind_find(geometry->type)->vertices(geometry);
+        most += bytes_align(vertices * input_kind_of(geometry->type)->vertex_size, FORM_ALIGNMENT);
     }
     return most <= MOST_RATIO * size && size + most <= work->max_bytes ? most : 0;
 }
@@ -94,21 +96,14 @@ static bool is_update(const struct build_input *input)
 
 static struct form_geometry make_row(const struct geometry *geometry, bool update)
 {
+    const struct input_kind *kind = input_kind_of(geometry->type);
     struct form_geometry row = {
         .type = geometry->type,
         .flags = geometry->flags,
         .primitive_count = geometry->range.primitive_count,
     };
-    if (geometry->type != GEOMETRY_TRIANGLES)
-        return row;
-    const struct geometry_triangles *triangles = &geometry->triangles;
-    row.indexed = row.primitive_count > 0 && (triangles->index_type != INDEX_NONE || triangles->vertex_stride == 0);
-    if (update) {
-        row.update = FORM_UPDATE_RECORDED | (triangles->transform.data ? FORM_UPDATE_TRANSFORM : 0);
-        row.vertex_format = triangles->vertex_format;
-        row.max_vertex = triangles->max_vertex;
-        row.index_type = triangles->index_type;
-    }
+    if (kind->describe)
+        kind->describe(geometry, update, &row);
     return row;
 }
 

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include <math.h>
-
 #include "builder/input/canonical_form.h"
+#include "builder/input/input_kind.h"
+#include "proto/base/kind.h"
 #include "proto/base/request_limits.h"
 #include "proto/base/place.h"
 #include "builder/input/prepare.h"
@@ -19,17 +19,6 @@ struct block_reader {
     const struct form_geometry *rows;
 };
 
-static enum bvhd_status corrupt(const struct block_reader *reader, const char *where, const char *text)
-{
-    return bvhd_error_set(reader->error, BVHD_CORRUPT, where, "%s", text);
-}
-
-static enum bvhd_status corrupt_row(const struct block_reader *reader, uint32_t row, const char *field,
-                                    const char *text)
-{
-    return corrupt(reader, place("geometries[%u].%s", row, field).text, text);
-}
-
 static bool all_zero(const void *data, uint64_t size)
 {
     const unsigned char *bytes = data;
@@ -43,29 +32,29 @@ static enum bvhd_status check_header(const struct block_reader *reader)
 {
     const struct form_header *header = reader->header;
     if (memcmp(header->magic, form_magic, sizeof form_magic) != 0)
-        return corrupt(reader, "magic", "no canonical copy");
+        return form_corrupt(reader->error, "magic", "no canonical copy");
     if (header->version != CANONICAL_VERSION)
         return bvhd_error_set(reader->error, BVHD_INCOMPATIBLE, "version", "version %u, not %u", header->version,
                               CANONICAL_VERSION);
     if (header->size != reader->block.size)
-        return corrupt(reader, "size", "not the number of bytes given");
+        return form_corrupt(reader->error, "size", "not the number of bytes given");
     if (header->type != STRUCTURE_TOP && header->type != STRUCTURE_BOTTOM)
-        return corrupt(reader, "type", "neither top nor bottom level");
+        return form_corrupt(reader->error, "type", "neither top nor bottom level");
     if (header->flags & ~(uint32_t)KNOWN_FLAGS ||
         (header->flags & BUILD_PREFER_FAST_TRACE && header->flags & BUILD_PREFER_FAST_BUILD))
-        return corrupt(reader, "flags", "flags that no build has");
+        return form_corrupt(reader->error, "flags", "flags that no build has");
     if (header->geometry_count > LIMIT_MAX_GEOMETRIES || (header->type == STRUCTURE_TOP && header->geometry_count != 1))
-        return corrupt(reader, "geometryCount", "too many");
+        return form_corrupt(reader->error, "geometryCount", "too many");
     if (header->primitive_count > (header->type == STRUCTURE_TOP ? LIMIT_MAX_INSTANCES : LIMIT_MAX_PRIMITIVES))
-        return corrupt(reader, "primitiveCount", "too many");
+        return form_corrupt(reader->error, "primitiveCount", "too many");
     if (!all_zero(header->reserved, sizeof header->reserved))
-        return corrupt(reader, "reserved", "not 0");
+        return form_corrupt(reader->error, "reserved", "not 0");
     return BVHD_OK;
 }
 
-static bool update_is_valid(const struct form_geometry *row, uint32_t flags)
+static bool update_is_valid(const struct form_geometry *row, bool has_vertices, uint32_t flags)
 {
-    if (!(flags & BUILD_ALLOW_UPDATE) || row->type != GEOMETRY_TRIANGLES)
+    if (!(flags & BUILD_ALLOW_UPDATE) || !has_vertices)
         return row->update == 0 && row->vertex_format == 0 && row->max_vertex == 0 && row->index_type == 0 &&
                row->lowest_index == 0;
     return (row->update & ~(uint32_t)FORM_UPDATE_TRANSFORM) == FORM_UPDATE_RECORDED &&
@@ -76,23 +65,25 @@ static bool update_is_valid(const struct form_geometry *row, uint32_t flags)
 static enum bvhd_status check_row(const struct block_reader *reader, uint32_t index)
 {
     const struct form_geometry *row = &reader->rows[index];
-    bool top = reader->header->type == STRUCTURE_TOP;
-    if (row->type > GEOMETRY_INSTANCES || top != (row->type == GEOMETRY_INSTANCES) || row->type != reader->rows[0].type)
-        return corrupt_row(reader, index, "type", "does not belong here");
+    const struct kind *kind = kind_find(row->type);
+    bool is_top = reader->header->type == STRUCTURE_TOP;
+    if (!kind || kind->is_top != is_top || row->type != reader->rows[0].type)
+        return form_corrupt_row(reader->error, index, "type", "does not belong here");
     if (row->flags & ~(uint32_t)KNOWN_GEOMETRY_FLAGS)
-        return corrupt_row(reader, index, "flags", "unknown bits");
-    if (row->indexed > (row->type == GEOMETRY_TRIANGLES && row->primitive_count > 0))
-        return corrupt_row(reader, index, "indexed", "not 0");
-    if (row->type != GEOMETRY_TRIANGLES && row->index_offset != 0)
-        return corrupt_row(reader, index, "indexOffset", "not 0");
-    bool derived = row->type != GEOMETRY_TRIANGLES || !row->indexed;
-    uint64_t vertices = row->type == GEOMETRY_TRIANGLES ? (uint64_t)3 * row->primitive_count : 0;
-    if (derived ? row->vertex_count != vertices : row->vertex_count == 0)
-        return corrupt_row(reader, index, "vertexCount", "does not fit the primitives");
-    if (!update_is_valid(row, reader->header->flags))
-        return corrupt_row(reader, index, "update", "fields that no build has");
+        return form_corrupt_row(reader->error, index, "flags", "unknown bits");
+    uint32_t corners = input_kind_of(row->type)->corners;
+    bool has_vertices = corners > 0;
+    if (row->indexed > (has_vertices && row->primitive_count > 0))
+        return form_corrupt_row(reader->error, index, "indexed", "not 0");
+    if (!has_vertices && row->index_offset != 0)
+        return form_corrupt_row(reader->error, index, "indexOffset", "not 0");
+    uint64_t vertices = (uint64_t)corners * row->primitive_count;
+    if (row->indexed ? row->vertex_count == 0 : row->vertex_count != vertices)
+        return form_corrupt_row(reader->error, index, "vertexCount", "does not fit the primitives");
+    if (!update_is_valid(row, has_vertices, reader->header->flags))
+        return form_corrupt_row(reader->error, index, "update", "fields that no build has");
     if (!all_zero(row->reserved, sizeof row->reserved))
-        return corrupt_row(reader, index, "reserved", "not 0");
+        return form_corrupt_row(reader->error, index, "reserved", "not 0");
     return BVHD_OK;
 }
 
@@ -108,9 +99,9 @@ static enum bvhd_status check_rows(const struct block_reader *reader)
     if (status != BVHD_OK)
         return status;
     if (primitives != reader->header->primitive_count)
-        return corrupt(reader, "primitiveCount", "not the sum over the geometries");
+        return form_corrupt(reader->error, "primitiveCount", "not the sum over the geometries");
     if (vertices != reader->header->vertex_count)
-        return corrupt(reader, "vertexCount", "not the sum over the geometries");
+        return form_corrupt(reader->error, "vertexCount", "not the sum over the geometries");
     return BVHD_OK;
 }
 
@@ -121,16 +112,15 @@ static enum bvhd_status check_place(const struct block_reader *reader, uint32_t 
     struct form_geometry row = reader->rows[index];
     uint64_t *offset = form_offset(&row, section), given = offset ? *offset : 0, end;
     if (!form_place(&row, 1, section, *at, &end))
-        return corrupt_row(reader, index, "primitiveCount", "over 2^64 bytes");
+        return form_corrupt_row(reader->error, index, "primitiveCount", "over 2^64 bytes");
     if (end > reader->block.size)
-        return corrupt_row(reader, index, "primitiveCount", "does not fit the block");
+        return form_corrupt_row(reader->error, index, "primitiveCount", "does not fit the block");
     if (offset && *offset != given)
-        return corrupt_row(reader, index,
-                           section == FORM_PRIMITIVES && row.type == GEOMETRY_TRIANGLES ? "indexOffset" : "dataOffset",
-                           "not where the counts put it");
+        return form_corrupt_row(reader->error, index, offset == &row.index_offset ? "indexOffset" : "dataOffset",
+                                "not where the counts put it");
     uint64_t used = *at + form_bytes(&row, section);
     if (!all_zero(reader->block.data + used, end - used))
-        return corrupt_row(reader, index, "padding", "not 0");
+        return form_corrupt_row(reader->error, index, "padding", "not 0");
     *at = end;
     return BVHD_OK;
 }
@@ -147,9 +137,9 @@ static enum bvhd_status check_places(const struct block_reader *reader)
         return status;
     uint64_t references = (uint64_t)header->reference_count * sizeof(struct form_reference);
     if (header->reference_offset != (references ? at : 0))
-        return corrupt(reader, "referenceOffset", "not where the counts put it");
+        return form_corrupt(reader->error, "referenceOffset", "not where the counts put it");
     if (!bytes_add(at, references, &end) || end != header->size)
-        return corrupt(reader, "size", "not what the counts say");
+        return form_corrupt(reader->error, "size", "not what the counts say");
     return BVHD_OK;
 }
 
@@ -159,66 +149,18 @@ static enum bvhd_status check_references(const struct block_reader *reader)
     for (uint32_t i = 0; i < reader->header->reference_count; i++)
         if (rows[i].kind != REFERENCE_BLAS || rows[i].reserved != 0 || !form_bounds_valid(&rows[i].bounds) ||
             !form_slabs_valid(&rows[i].slabs, &rows[i].bounds))
-            return corrupt(reader, place("references[%u]", i).text, "kind, bounds or slabs that no reference has");
-    return BVHD_OK;
-}
-
-static enum bvhd_status check_indices(const struct block_reader *reader, uint32_t index,
-                                      const struct canonical_geometry *geometry)
-{
-    uint32_t highest = 0, lowest = UINT32_MAX;
-    for (uint64_t i = 0; geometry->indices && i < (uint64_t)3 * geometry->primitive_count; i++) {
-        highest = geometry->indices[i] > highest ? geometry->indices[i] : highest;
-        lowest = geometry->indices[i] < lowest ? geometry->indices[i] : lowest;
-    }
-    if (geometry->indices && highest != geometry->vertex_count - 1)
-        return corrupt_row(reader, index, "vertexCount", "not the highest index plus one");
-    if (geometry->indices && lowest != 0)
-        return corrupt_row(reader, index, "indices", "they do not start at 0");
-    return BVHD_OK;
-}
-
-/* Checks that references are numbered in the order of first use, as the writer does. */
-static enum bvhd_status check_instances(const struct block_reader *reader, const struct canonical_geometry *geometry)
-{
-    uint64_t used = 0;
-    for (uint32_t i = 0; i < geometry->primitive_count; i++) {
-        uint64_t reference = bytes_get64(geometry->instances + (uint64_t)FORM_RECORD_SIZE * i + FORM_RECORD_REFERENCE);
-        if (reference > used + 1 || reference > reader->header->reference_count)
-            return corrupt(reader, place("geometries[0].instances[%u]", i).text, "a reference out of order");
-        used = reference > used ? reference : used;
-    }
-    if (used != reader->header->reference_count)
-        return corrupt(reader, "referenceCount", "references that no instance names");
-    return BVHD_OK;
-}
-
-static enum bvhd_status check_boxes(const struct block_reader *reader, uint32_t index,
-                                    const struct canonical_geometry *geometry)
-{
-    for (uint64_t i = 0; i < geometry->primitive_count; i++) {
-        const float *box = geometry->boxes + 6 * i;
-        bool nan = isnan(box[1]) | isnan(box[2]) | isnan(box[3]) | isnan(box[4]) | isnan(box[5]);
-        if (nan && !isnan(box[0]))
-            return corrupt_row(reader, index, "boxes", "a NaN in an active box");
-    }
+            return form_corrupt(reader->error, place("references[%u]", i).text,
+                                "kind, bounds or slabs that no reference has");
     return BVHD_OK;
 }
 
 static enum bvhd_status check_contents(const struct block_reader *reader, const struct canonical *view)
 {
     enum bvhd_status status = BVHD_OK;
-    for (uint32_t i = 0; status == BVHD_OK && i < view->geometry_count; i++) {
-        const struct canonical_geometry *geometry = &view->geometries[i];
-        if (geometry->type == GEOMETRY_TRIANGLES)
-            status = check_indices(reader, i, geometry);
-        else if (geometry->type == GEOMETRY_AABBS)
-            status = check_boxes(reader, i, geometry);
-        else
-            status = check_instances(reader, geometry);
-    }
+    for (uint32_t i = 0; status == BVHD_OK && i < view->geometry_count; i++)
+        status = input_kind_of(view->geometries[i].type)->check_foreign(view, i, reader->error);
     if (status == BVHD_OK && view->type == STRUCTURE_BOTTOM && view->reference_count > 0)
-        return corrupt(reader, "referenceCount", "a bottom level has none");
+        return form_corrupt(reader->error, "referenceCount", "a bottom level has none");
     return status == BVHD_OK ? validate_canonical(view, 0, NULL, reader->error) : status;
 }
 
@@ -239,11 +181,11 @@ enum bvhd_status prepare_open(struct bytes block, struct memory *memory, struct 
     struct block_reader reader = {.block = block, .memory = memory, .error = error, .header = (const void *)block.data};
     struct canonical view = {0};
     if (block.size < sizeof *reader.header)
-        return corrupt(&reader, "size", "shorter than a header");
+        return form_corrupt(error, "size", "shorter than a header");
     enum bvhd_status status = check_header(&reader);
     if (status == BVHD_OK &&
         !bytes_reach(block.size, sizeof *reader.header, sizeof *reader.rows, reader.header->geometry_count, 0))
-        status = corrupt(&reader, "geometryCount", "does not fit the block");
+        status = form_corrupt(error, "geometryCount", "does not fit the block");
     if (status != BVHD_OK)
         return status;
 

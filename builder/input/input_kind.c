@@ -1,0 +1,15 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "builder/input/input_kind.h"
+
+#include "proto/base/kind.h"
+
+const struct input_kind *input_kind_of(uint32_t type)
+{
+    static const struct input_kind *const kinds[KIND_COUNT] = {
+        [KIND_TRIANGLES] = &input_triangles,
+        [KIND_AABBS] = &input_aabbs,
+        [KIND_INSTANCES] = &input_instances,
+    };
+    const struct kind *kind = kind_find(type);
+    return kind ? kinds[kind->number] : NULL;
+}
