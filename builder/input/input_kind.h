@@ -2,6 +2,10 @@
 /*
  * input_kind.h - what this stage does differently for triangles, boxes and instances: one struct for each kind of
  * geometry, which the file of the kind fills (triangles.c, aabbs.c, instances.c).
+ *
+ * Functions take ranges of primitives or vertices, so that one call through a pointer serves thousands of them. Every
+ * geometry that they get has passed the checks that come before: check_memory follows validate_geometry and check_shape
+ * (kind.h), and all others follow validate_input or, for a block that comes from elsewhere, the checks of its tables.
  */
 #ifndef BVHD_INPUT_KIND_H
 #define BVHD_INPUT_KIND_H
@@ -10,7 +14,9 @@
 #include <stdint.h>
 
 #include "builder/format/canonical.h"
+#include "proto/base/validate_shape.h"
 
+struct fetch;
 struct form_geometry;
 
 struct input_kind {
@@ -18,11 +24,28 @@ struct input_kind {
     uint32_t vertex_size; /* bytes of a vertex in a canonical copy */
     uint32_t primitive_size; /* bytes of a primitive in a canonical copy: its indices, its box or its record */
 
+    /* Checks the range of the geometry, and that the memory which it names is there. */
+    enum bvhd_status (*check_memory)(const struct validate_subject *subject);
+
     /* Fills the fields of a row that only this kind has. NULL: there are none. */
     void (*describe)(const struct geometry *geometry, bool is_update, struct form_geometry *row);
     /* Sets the pointer of the view that leads to the array at data_offset. */
     void (*view)(const void *data, struct canonical_geometry *geometry);
 
+    /* Reads primitives, that is, indices, boxes or records, once; called on any thread. */
+    void (*fetch_primitives)(struct fetch *fetch, uint32_t geometry, uint32_t first, uint32_t count);
+    /* Checks what was read when all primitives have been, and counts the vertices in use. NULL: nothing to do. */
+    enum bvhd_status (*finish)(struct fetch *fetch, uint32_t geometry, struct bvhd_error *error);
+    /*
+     * Makes indices count from the lowest one; called on any thread, where `finish` set must_rebase. NULL: no indices.
+     */
+    void (*rebase)(struct fetch *fetch, uint32_t geometry, uint32_t first, uint32_t count);
+    /* Reads vertices once; called on any thread. NULL: the kind has none. */
+    void (*fetch_vertices)(struct fetch *fetch, uint32_t geometry, uint32_t first, uint32_t count);
+
+    /* Checks Vulkan's rules about contents. `where`: the place of the geometry. NULL: there is no such rule. */
+    enum bvhd_status (*check_contents)(const struct canonical_geometry *geometry, uint32_t first, uint32_t count,
+                                       const char *where, struct bvhd_error *error);
     /* Checks a geometry of a block that comes from elsewhere for contents that prepare() would not have written. */
     enum bvhd_status (*check_foreign)(const struct canonical *canonical, uint32_t geometry, struct bvhd_error *error);
 };

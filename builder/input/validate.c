@@ -5,11 +5,11 @@
 #include <math.h>
 
 #include "builder/format/layout.h"
+#include "builder/input/input_kind.h"
 #include "proto/base/kind.h"
 #include "proto/base/parallel.h"
 #include "proto/base/place.h"
 #include "proto/base/validate_shape.h"
-#include "builder/input/vertex_format.h"
 
 static enum bvhd_status check_mode(const struct build_input *input, uint32_t index, struct bvhd_error *error)
 {
@@ -64,30 +64,8 @@ static enum bvhd_status check_options(const struct build_options *options, uint3
     return check_device(layout, &options->device, place("infos[%u].options.device", index).text, error);
 }
 
-static enum bvhd_status check_triangle_range(const struct validate_subject *subject, const struct vertex_format *format)
-{
-    const struct geometry_triangles *triangles = &subject->geometry->triangles;
-    const struct geometry_range *range = &subject->geometry->range;
-    bool indexed = triangles->index_type != INDEX_NONE;
-    uint32_t alignment = !indexed ? format->alignment : triangles->index_type == INDEX_UINT16 ? 2 : 4;
-    if (range->primitive_offset % alignment != 0)
-        return bvhd_error_rule(subject->error, indexed ? BVHD_VUID_03656 : BVHD_VUID_03657,
-                               VALIDATE_RANGE_PLACE(subject, "primitiveOffset"), "%u is no multiple of %u",
-                               range->primitive_offset, alignment);
-    if (triangles->transform.data && range->transform_offset % 16 != 0)
-        return bvhd_error_rule(subject->error, BVHD_VUID_03658, VALIDATE_RANGE_PLACE(subject, "transformOffset"),
-                               "%u is no multiple of 16", range->transform_offset);
-    uint64_t vertices = (uint64_t)range->first_vertex + (uint64_t)3 * range->primitive_count;
-    if (!indexed && range->primitive_count > 0 && vertices - 1 > triangles->max_vertex)
-        return bvhd_error_rule(subject->error, BVHD_VUID_10775, VALIDATE_RANGE_PLACE(subject, "primitiveCount"),
-                               "%u triangles from vertex %u on reach past maxVertex %u", range->primitive_count,
-                               range->first_vertex, triangles->max_vertex);
-    return BVHD_OK;
-}
-
-/* Refuses memory that is not given, or does not hold what the range says. */
-static enum bvhd_status refuse_memory(const struct validate_subject *subject, enum bvhd_vuid vuid, const char *field,
-                                      const struct bytes *memory, const char *contents)
+enum bvhd_status validate_refuse_memory(const struct validate_subject *subject, enum bvhd_vuid vuid, const char *field,
+                                        const struct bytes *memory, const char *contents)
 {
     uint32_t count = subject->geometry->range.primitive_count;
     if (!memory->data)
@@ -97,80 +75,10 @@ static enum bvhd_status refuse_memory(const struct validate_subject *subject, en
                            "%" PRIu64 " bytes do not hold the %s of %u primitives", memory->size, contents, count);
 }
 
-/*
- * Checks that the memory of a geometry is there. Vertices that are named by indices are checked once the indices are
- * known.
- */
-static enum bvhd_status check_triangle_memory(const struct validate_subject *subject,
-                                              const struct vertex_format *format)
-{
-    const struct geometry_triangles *triangles = &subject->geometry->triangles;
-    const struct geometry_range *range = &subject->geometry->range;
-    bool indexed = triangles->index_type != INDEX_NONE;
-    uint64_t last = (uint64_t)range->first_vertex + (uint64_t)3 * range->primitive_count - 1;
-    uint64_t index_size = triangles->index_type == INDEX_UINT16 ? 2 : 4;
-    if (!triangles->vertices.data || (!indexed && !bytes_reach(triangles->vertices.size, range->primitive_offset,
-                                                               triangles->vertex_stride, last, format->size)))
-        return refuse_memory(subject, BVHD_VUID_03771, "triangles.vertexData", &triangles->vertices, "vertices");
-    if (indexed &&
-        (!triangles->indices.data || !bytes_reach(triangles->indices.size, range->primitive_offset, 3 * index_size,
-                                                  range->primitive_count - 1, 3 * index_size)))
-        return refuse_memory(subject, BVHD_VUID_03772, "triangles.indexData", &triangles->indices, "indices");
-    if (triangles->transform.data &&
-        !bytes_reach(triangles->transform.size, range->transform_offset, 0, 0, 12 * sizeof(float)))
-        return refuse_memory(subject, BVHD_VUID_03773, "triangles.transformData", &triangles->transform, "matrix");
-    return BVHD_OK;
-}
-
-static enum bvhd_status check_triangles(const struct validate_subject *subject)
-{
-    const struct vertex_format *format = vertex_format_find(subject->geometry->triangles.vertex_format);
-    enum bvhd_status status = check_triangle_range(subject, format);
-    if (status == BVHD_OK && subject->geometry->range.primitive_count > 0)
-        status = check_triangle_memory(subject, format);
-    return status;
-}
-
-static enum bvhd_status check_aabbs(const struct validate_subject *subject)
-{
-    const struct geometry_aabbs *aabbs = &subject->geometry->aabbs;
-    const struct geometry_range *range = &subject->geometry->range;
-    if (range->primitive_offset % 8 != 0)
-        return bvhd_error_rule(subject->error, BVHD_VUID_03659, VALIDATE_RANGE_PLACE(subject, "primitiveOffset"),
-                               "%u is no multiple of 8", range->primitive_offset);
-    if (range->primitive_count > 0 &&
-        (!aabbs->boxes.data || !bytes_reach(aabbs->boxes.size, range->primitive_offset, aabbs->stride,
-                                            range->primitive_count - 1, 6 * sizeof(float))))
-        return refuse_memory(subject, BVHD_VUID_03774, "aabbs.data", &aabbs->boxes, "boxes");
-    return BVHD_OK;
-}
-
-static enum bvhd_status check_instances(const struct validate_subject *subject)
-{
-    const struct bytes *records = &subject->geometry->instances.records;
-    const struct geometry_range *range = &subject->geometry->range;
-    if (range->primitive_offset % 16 != 0)
-        return bvhd_error_rule(subject->error, BVHD_VUID_03660, VALIDATE_RANGE_PLACE(subject, "primitiveOffset"),
-                               "%u is no multiple of 16", range->primitive_offset);
-    if (range->primitive_count > 0 &&
-        (!records->data || !bytes_reach(records->size, range->primitive_offset, 64, range->primitive_count - 1, 64)))
-        return refuse_memory(subject, BVHD_VUID_03778, "instances.data", records, "instances");
-    return BVHD_OK;
-}
-
 static enum bvhd_status check_data(const struct validate_subject *subject)
 {
     enum bvhd_status status = kind_find(subject->geometry->type)->check_shape(subject);
-    if (status != BVHD_OK)
-        return status;
-    switch (subject->geometry->type) {
-    case GEOMETRY_TRIANGLES:
-        return check_triangles(subject);
-    case GEOMETRY_AABBS:
-        return check_aabbs(subject);
-    default:
-        return check_instances(subject);
-    }
+    return status == BVHD_OK ? input_kind_of(subject->geometry->type)->check_memory(subject) : status;
 }
 
 static enum bvhd_status look_at_cancel(const struct validate_subject *subject, const atomic_bool *cancel)

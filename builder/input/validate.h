@@ -20,6 +20,7 @@
 #include "proto/base/memory.h"
 #include "proto/base/status.h"
 #include "proto/base/validate_batch.h"
+#include "proto/base/validate_shape.h"
 
 /*
  * Checks the fields of one entry, `index` in its batch: types, flags, modes, options, formats, strides, alignments,
@@ -41,9 +42,12 @@ enum bvhd_status validate_input_until(const struct build_input *input, uint32_t 
 enum bvhd_status validate_canonical(const struct canonical *canonical, uint32_t index, const atomic_bool *cancel,
                                     struct bvhd_error *error);
 
-/* True when `count` boxes (six floats each) or canonical instance records keep the rules of validate_canonical. */
-bool validate_boxes(const float *boxes, uint64_t count);
-bool validate_instances(const unsigned char *records, uint64_t count);
+/*
+ * Reports memory that is not given, or does not hold what the range of the geometry says: BVHD_INVALID with this rule.
+ * `field`: the member with the memory; `contents`: what it should hold.
+ */
+enum bvhd_status validate_refuse_memory(const struct validate_subject *subject, enum bvhd_vuid vuid, const char *field,
+                                        const struct bytes *memory, const char *contents);
 
 /*
  * True when the 3x3 part of a row-major 3x4 matrix is invertible in double precision: its determinant is finite and

@@ -6,6 +6,7 @@
 
 #include "tests/support/builder/inputs.h"
 #include "tests/support/random.h"
+#include "builder/input/input_kind.h"
 #include "builder/input/validate.h"
 
 static void singular_matrices_are_found(void **state)
@@ -60,30 +61,40 @@ static void small_and_flat_matrices_are_invertible(void **state)
     assert_true(validate_invertible(turned));
 }
 
+/* True when the contents of primitives [0, count) keep the rules. */
+static bool are_valid(const struct canonical_geometry *geometry, uint32_t count)
+{
+    struct bvhd_error error;
+    return input_kind_of(geometry->type)->check_contents(geometry, 0, count, "", &error) == BVHD_OK;
+}
+
 static void runs_are_judged_whole(void **state)
 {
     (void)state;
     struct test_input test;
     float boxes[20][6];
+    const struct canonical_geometry aabbs = {.type = GEOMETRY_AABBS, .boxes = boxes[0]};
+    const struct canonical_geometry instances = {.type = GEOMETRY_INSTANCES,
+                                                 .instances = (const unsigned char *)test.records};
     for (int bad = -1; bad < 20; bad++) {
         for (int i = 0; i < 20; i++)
             for (int k = 0; k < 6; k++)
                 boxes[i][k] = (float)(k < 3 ? -i : i);
         if (bad >= 0)
             boxes[bad][bad % 3] = 100;
-        assert_int_equal(validate_boxes(boxes[0], 20), bad < 0);
+        assert_int_equal(are_valid(&aabbs, 20), bad < 0);
         if (bad >= 0)
             boxes[bad][0] = NAN;
-        assert_true(validate_boxes(boxes[0], 20));
+        assert_true(are_valid(&aabbs, 20));
     }
     for (int bad = -1; bad < INPUTS_RECORDS; bad++) {
         inputs_instances(&test);
         if (bad >= 0)
             test.records[bad][13] |= 0x80000000;
-        assert_int_equal(validate_instances((const unsigned char *)test.records, INPUTS_RECORDS), bad < 0);
+        assert_int_equal(are_valid(&instances, INPUTS_RECORDS), bad < 0);
     }
-    assert_true(validate_boxes(NULL, 0));
-    assert_true(validate_instances(NULL, 0));
+    assert_true(are_valid(&(struct canonical_geometry){.type = GEOMETRY_AABBS}, 0));
+    assert_true(are_valid(&(struct canonical_geometry){.type = GEOMETRY_INSTANCES}, 0));
 }
 
 /* The first broken rule of all geometries is reported, with the entry's number in its batch. */

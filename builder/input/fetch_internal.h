@@ -1,0 +1,52 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* fetch_internal.h - what the kinds of geometries share to read the caller's memory. */
+#ifndef BVHD_FETCH_INTERNAL_H
+#define BVHD_FETCH_INTERNAL_H
+
+#include "builder/input/canonical_form.h"
+#include "builder/input/fetch.h"
+
+/* What becomes known about one geometry while it is read. */
+struct fetch_source {
+    _Atomic uint32_t lowest, highest; /* indices in use, as in the request */
+    bool transformed; /* by a matrix other than the identity */
+    float matrix[12];
+};
+
+static inline struct form_geometry *fetch_row(const struct fetch *fetch, uint32_t geometry)
+{
+    return (struct form_geometry *)(void *)(fetch->block + sizeof(struct form_header)) + geometry;
+}
+
+/*
+ * Keeps the compiler from reading the caller's memory again instead of what was stored: the bytes that are checked must
+ * be the stored ones.
+ */
+static inline void fetch_settle(void)
+{
+    atomic_signal_fence(memory_order_seq_cst);
+}
+
+static inline void fetch_raise(_Atomic uint32_t *highest, uint32_t value)
+{
+    uint32_t old = atomic_load_explicit(highest, memory_order_relaxed);
+    while (old < value &&
+           !atomic_compare_exchange_weak_explicit(highest, &old, value, memory_order_relaxed, memory_order_relaxed))
+        ;
+}
+
+static inline void fetch_lower(_Atomic uint32_t *lowest, uint32_t value)
+{
+    uint32_t old = atomic_load_explicit(lowest, memory_order_relaxed);
+    while (old > value &&
+           !atomic_compare_exchange_weak_explicit(lowest, &old, value, memory_order_relaxed, memory_order_relaxed))
+        ;
+}
+
+/* Notes that some content breaks a rule. */
+static inline void fetch_suspect(struct fetch *fetch)
+{
+    atomic_store_explicit(&fetch->suspect, true, memory_order_relaxed);
+}
+
+#endif
