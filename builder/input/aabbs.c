@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "builder/input/input_kind.h"
 
-#include <math.h>
-
+#include "builder/input/classification.h"
 #include "builder/input/fetch_internal.h"
+#include "builder/input/reach.h"
 #include "builder/input/transform.h"
 #include "builder/input/validate.h"
 #include "proto/base/place.h"
@@ -130,6 +130,34 @@ static enum bvhd_status check_foreign(const struct canonical *canonical, uint32_
     return BVHD_OK;
 }
 
+static struct classification look(const struct canonical *canonical, const struct canonical_geometry *geometry,
+                                  uint32_t index)
+{
+    (void)canonical;
+    struct classification finding = {.box = box_empty()};
+    const float *box = geometry->boxes + (uint64_t)6 * index;
+    if (classification_has_nan(box, 6))
+        return finding;
+    finding.active = finding.kept = finding.degenerate = true;
+    for (int axis = 0; axis < 3; axis++) {
+        finding.box.min[axis] = classification_clamp(box[axis]);
+        finding.box.max[axis] = classification_clamp(box[axis + 3]);
+        finding.degenerate &= finding.box.min[axis] == finding.box.max[axis];
+    }
+    return finding;
+}
+
+static uint32_t collect(const struct canonical *canonical, const struct canonical_geometry *geometry, uint32_t first,
+                        uint32_t end, struct classification_counts *counts, struct primitive_ref *refs)
+{
+    return classification_collect(look, canonical, geometry, first, end, counts, refs);
+}
+
+static void outline(const struct canonical_geometry *geometry, uint32_t first, uint32_t count, struct reach *reach)
+{
+    reach_add_boxes(reach, geometry->boxes + (size_t)6 * first, count);
+}
+
 const struct input_kind input_aabbs = {
     .primitive_size = 6 * sizeof(float),
     .check_memory = check_memory,
@@ -137,4 +165,7 @@ const struct input_kind input_aabbs = {
     .fetch_primitives = fetch_boxes,
     .check_contents = check_contents,
     .check_foreign = check_foreign,
+    .look = look,
+    .collect = collect,
+    .outline = outline,
 };

@@ -14,10 +14,14 @@
 #include <stdint.h>
 
 #include "builder/format/canonical.h"
+#include "builder/kernel/primitive_ref.h"
 #include "proto/base/validate_shape.h"
 
+struct classification;
+struct classification_counts;
 struct fetch;
 struct form_geometry;
+struct reach;
 
 struct input_kind {
     uint32_t corners; /* vertices of a primitive; 0: the kind has no vertices */
@@ -48,6 +52,15 @@ struct input_kind {
                                        const char *where, struct bvhd_error *error);
     /* Checks a geometry of a block that comes from elsewhere for contents that prepare() would not have written. */
     enum bvhd_status (*check_foreign)(const struct canonical *canonical, uint32_t geometry, struct bvhd_error *error);
+
+    /* Classifies one primitive, and finds its box. */
+    struct classification (*look)(const struct canonical *canonical, const struct canonical_geometry *geometry,
+                                  uint32_t index);
+    /* Makes the refs of primitives [first, end), counts those that get none, and returns the number of refs. */
+    uint32_t (*collect)(const struct canonical *canonical, const struct canonical_geometry *geometry, uint32_t first,
+                        uint32_t end, struct classification_counts *counts, struct primitive_ref *refs);
+    /* Grows the reach by vertices or, of a kind without vertices, by primitives. NULL: it has no outline. */
+    void (*outline)(const struct canonical_geometry *geometry, uint32_t first, uint32_t count, struct reach *reach);
 };
 
 extern const struct input_kind input_triangles, input_aabbs, input_instances;

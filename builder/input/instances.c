@@ -1,9 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "builder/input/input_kind.h"
 
+#include "builder/input/classification.h"
 #include "builder/input/fetch_internal.h"
+#include "builder/input/outline.h"
 #include "builder/input/validate.h"
 #include "proto/base/place.h"
+#include "proto/base/round_outward.h"
 
 /* A number of records that stay in the first-level cache between two passes over them. */
 enum { BLOCK = 256 };
@@ -150,6 +153,59 @@ static enum bvhd_status check_foreign(const struct canonical *canonical, uint32_
     return BVHD_OK;
 }
 
+/*
+ * Transforms a box by its centre and half extent: c' = M c + t, e' = |M| e. `slack` bounds the rounding errors of these
+ * few operations, relative to the sum of magnitudes.
+ */
+static void transform_box(const float matrix[12], const struct box *box, struct box *ret_box)
+{
+    for (int row = 0; row < 3; row++) {
+        const float *m = matrix + 4 * row;
+        double centre = m[3], extent = 0, magnitude = fabs((double)m[3]);
+        for (int axis = 0; axis < 3; axis++) {
+            double min = box->min[axis], max = box->max[axis];
+            centre += m[axis] * (0.5 * (min + max));
+            extent += fabs((double)m[axis]) * (0.5 * (max - min));
+            magnitude += fabs((double)m[axis]) * (fabs(min) + fabs(max));
+        }
+        double slack = magnitude * 0x1p-48;
+        ret_box->min[row] = classification_clamp(round_down(centre - extent - slack));
+        ret_box->max[row] = classification_clamp(round_up(centre + extent + slack));
+    }
+}
+
+static struct classification look(const struct canonical *canonical, const struct canonical_geometry *geometry,
+                                  uint32_t index)
+{
+    bool keep_all = canonical->flags & BUILD_ALLOW_UPDATE;
+    struct classification finding = {.box = box_empty()};
+    struct canonical_instance instance = canonical_instance(geometry, index);
+    if (instance.reference == 0 || classification_has_nan(instance.transform, 12))
+        return finding;
+    finding.active = true;
+    const struct canonical_reference *reference = &canonical->references[instance.reference - 1];
+    struct box bounds = reference->bounds;
+    bool infinite = classification_has_infinity(instance.transform, 12);
+    finding.degenerate = box_is_empty(&bounds);
+    finding.kept = keep_all || !(infinite || finding.degenerate);
+    for (int k = 0; k < 12; k++)
+        instance.transform[k] = classification_clamp(instance.transform[k]);
+    for (int axis = 0; axis < 3; axis++) {
+        bounds.min[axis] = finding.degenerate ? 0 : classification_clamp(bounds.min[axis]);
+        bounds.max[axis] = finding.degenerate ? 0 : classification_clamp(bounds.max[axis]);
+    }
+    transform_box(instance.transform, &bounds, &finding.box);
+    if (!(infinite || finding.degenerate || canonical->ignores_slabs))
+        outline_narrow(instance.transform, &bounds, &reference->slabs, &finding.box);
+    return finding;
+}
+
+static uint32_t collect(const struct canonical *canonical, const struct canonical_geometry *geometry, uint32_t first,
+                        uint32_t end, struct classification_counts *counts, struct primitive_ref *refs)
+{
+    return classification_collect(look, canonical, geometry, first, end, counts, refs);
+}
+
 const struct input_kind input_instances = {
     .primitive_size = FORM_RECORD_SIZE,
     .check_memory = check_memory,
@@ -158,4 +214,6 @@ const struct input_kind input_instances = {
     .finish = finish,
     .check_contents = check_contents,
     .check_foreign = check_foreign,
+    .look = look,
+    .collect = collect,
 };

@@ -2,7 +2,9 @@
 #include "builder/input/input_kind.h"
 
 #include "builder/input/fetch_internal.h"
+#include "builder/input/reach.h"
 #include "builder/input/transform.h"
+#include "builder/input/triangles_refs.h"
 #include "builder/input/validate.h"
 #include "builder/input/vertex_format.h"
 #include "proto/base/place.h"
@@ -282,6 +284,11 @@ static enum bvhd_status check_foreign(const struct canonical *canonical, uint32_
     return BVHD_OK;
 }
 
+static void outline(const struct canonical_geometry *geometry, uint32_t first, uint32_t count, struct reach *reach)
+{
+    reach_add_vertices(reach, geometry->positions + (size_t)3 * first, count);
+}
+
 const struct input_kind input_triangles = {
     .corners = 3,
     .vertex_size = 3 * sizeof(float),
@@ -294,4 +301,7 @@ const struct input_kind input_triangles = {
     .rebase = rebase,
     .fetch_vertices = fetch_vertices,
     .check_foreign = check_foreign,
+    .look = triangles_refs_look,
+    .collect = triangles_refs_collect,
+    .outline = outline,
 };
