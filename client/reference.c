@@ -3,7 +3,7 @@
 
 #include <string.h>
 
-#include "builder/format/portable.h"
+#include "builder/format/record_kind.h"
 #include "builder/format/serialized.h"
 #include "proto/base/status.h"
 
@@ -42,7 +42,7 @@ enum bvhd_status reference_check_bottom(const struct bvhd_result *result, struct
     if (memcmp(header.driver_uuid, portable_driver_uuid, sizeof header.driver_uuid) == 0 &&
         bytes_reach(bytes.size, body, 0, 0, sizeof(struct portable_header)))
         is_top =
-            is_top || bytes_get32(bytes.data + body + offsetof(struct portable_header, content)) == PORTABLE_INSTANCES;
+            is_top || record_kind_is_top(bytes_get32(bytes.data + body + offsetof(struct portable_header, content)));
     return is_top ? bvhd_error_set(error, BVHD_INVALID, "result", "the structure is a top level, not a bottom level")
                   : BVHD_OK;
 }

@@ -47,6 +47,8 @@ enum portable_content {
     PORTABLE_INSTANCES = 3,
 };
 
+enum { PORTABLE_CONTENTS = PORTABLE_INSTANCES + 1 };
+
 enum { PORTABLE_MAGIC = 0x42485642 }; /* "BVHB" */
 
 /* The first 128 bytes of the body. */

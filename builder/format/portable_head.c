@@ -1,11 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "builder/format/portable_head.h"
 
+#include "builder/format/record_kind.h"
 #include "builder/format/serialized.h"
 
 uint32_t portable_head_handles(const struct portable_header *header, const struct canonical *canonical)
 {
-    return header->content == PORTABLE_INSTANCES ? canonical->reference_count : 0;
+    return record_kind_is_top(header->content) ? canonical->reference_count : 0;
 }
 
 void portable_head_write(unsigned char *blob, const struct portable_header *header, uint32_t handles)

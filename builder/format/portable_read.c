@@ -6,13 +6,14 @@
 #include <math.h>
 #include <stdio.h>
 
-#include "builder/format/portable_records.h"
+#include "builder/format/record_kind.h"
 #include "builder/format/serialized.h"
 #include "proto/base/prefix.h"
 
 struct portable_reader {
     struct bytes body;
     struct portable_view view;
+    const struct record_kind *kind; /* of the header's content */
     uint8_t *levels; /* of each node, 1 for the root; 0 until a parent refers to it */
     struct bvhd_error *error;
 };
@@ -30,31 +31,37 @@ static enum bvhd_status corrupt(const struct portable_reader *r, const char *whe
     return bvhd_error_set(r->error, BVHD_CORRUPT, where, "%s", reason);
 }
 
-/* Checks the header's fields that can be judged by themselves. */
-static enum bvhd_status check_counts(const struct portable_reader *r)
+/* Checks whether the header is one of this layout, and finds the kind of its records. */
+static enum bvhd_status check_content(struct portable_reader *r)
 {
     const struct portable_header *h = r->view.header;
-    bool instances = h->content == PORTABLE_INSTANCES;
     if (h->magic != PORTABLE_MAGIC)
         return corrupt(r, "body.magic", "this is no portable structure");
     if (h->version != PORTABLE_VERSION)
         return bvhd_error_set(r->error, BVHD_INCOMPATIBLE, "body.version", "version %" PRIu32 ", known is %d",
                               h->version, PORTABLE_VERSION);
-    if (h->content > PORTABLE_INSTANCES)
-        return corrupt(r, "body.content", "unknown content");
+    r->kind = record_kind_of(h->content);
+    return r->kind ? BVHD_OK : corrupt(r, "body.content", "unknown content");
+}
+
+/* Checks the header's other fields that can be judged by themselves. */
+static enum bvhd_status check_counts(const struct portable_reader *r)
+{
+    const struct portable_header *h = r->view.header;
+    const bool is_top = record_kind_is_top(h->content);
     if (h->primitive_count > PORTABLE_ID_MASK)
         return corrupt(r, "body.primitiveCount", "does not fit into 29 bits");
     if (h->depth > PORTABLE_MAX_DEPTH || (h->depth == 0) != (h->node_count == 0))
         return corrupt(r, "body.depth", "too deep, or a depth that does not fit the number of nodes");
     if ((h->record_count == 0) != (h->node_count == 0))
         return corrupt(r, "body.recordCount", "records without nodes, or nodes without records");
-    if (h->vertex_count != 0 && h->content != PORTABLE_INDEXED_TRIANGLES)
+    if (h->vertex_count != 0 && r->kind->vertex_size == 0)
         return corrupt(r, "body.vertexCount", "this content has no vertices");
     if (h->vertex_count != 0 && h->record_count == 0)
         return corrupt(r, "body.vertexCount", "vertices without triangles");
-    if (h->geometry_count != 0 && instances)
+    if (h->geometry_count != 0 && is_top)
         return corrupt(r, "body.geometryCount", "a top level has no geometries");
-    if (r->view.handle_count != 0 && !instances)
+    if (r->view.handle_count != 0 && !is_top)
         return corrupt(r, "header.handleCount", "a bottom level has no handles");
     for (int i = 0; i < 6; i++)
         if (h->reserved[i] != 0)
@@ -95,10 +102,9 @@ static enum bvhd_status find_sections(struct portable_reader *r)
         return corrupt(r, "body.nodeCount", "more nodes or records than 2^30");
     if (h->node_offset % 64 != 0 || !take_section(r, h->node_offset, h->node_count, sizeof(struct portable_node), &end))
         return corrupt(r, "body.nodeOffset", "nodes are misplaced");
-    if (!take_section(r, h->record_offset, h->record_count, portable_record_size((enum portable_content)h->content),
-                      &end))
+    if (!take_section(r, h->record_offset, h->record_count, r->kind->size, &end))
         return corrupt(r, "body.recordOffset", "records are misplaced");
-    if (!take_section(r, h->vertex_offset, h->vertex_count, 12, &end))
+    if (!take_section(r, h->vertex_offset, h->vertex_count, r->kind->vertex_size, &end))
         return corrupt(r, "body.vertexOffset", "vertices are misplaced");
     if (!take_section(r, h->geometry_offset, h->geometry_count, sizeof(struct portable_geometry), &end))
         return corrupt(r, "body.geometryOffset", "geometries are misplaced");
@@ -123,7 +129,7 @@ static enum bvhd_status check_geometries(const struct portable_reader *r)
             return corrupt_at(r, "geometries", i, "reserved", "not zero");
         sum += geometry->primitive_count;
     }
-    if (h->content != PORTABLE_INSTANCES && sum != h->primitive_count)
+    if (!record_kind_is_top(h->content) && sum != h->primitive_count)
         return corrupt(r, "body.primitiveCount", "not the sum over the geometries");
     return BVHD_OK;
 }
@@ -215,47 +221,12 @@ static enum bvhd_status check_nodes(const struct portable_reader *r)
     return BVHD_OK;
 }
 
-static bool id_is_sound(const struct portable_header *header, uint32_t id)
-{
-    uint32_t flags = id & ~(uint32_t)PORTABLE_ID_MASK;
-    return (flags == 0 || flags == PORTABLE_ID_OPAQUE) && (id & PORTABLE_ID_MASK) < header->primitive_count;
-}
-
-static bool record_is_sound(const struct portable_reader *r, uint32_t i)
-{
-    const struct portable_header *h = r->view.header;
-    switch ((enum portable_content)h->content) {
-    case PORTABLE_INDEXED_TRIANGLES: {
-        const struct portable_indexed_triangle *triangle =
-            (const struct portable_indexed_triangle *)r->view.records + i;
-        const uint32_t *v = triangle->vertices;
-        return v[0] < h->vertex_count && v[1] < h->vertex_count && v[2] < h->vertex_count &&
-               id_is_sound(h, triangle->id);
-    }
-    case PORTABLE_TRIANGLES: {
-        const struct portable_triangle *triangle = (const struct portable_triangle *)r->view.records + i;
-        return id_is_sound(h, triangle->id) && triangle->reserved1 == 0 && triangle->reserved2 == 0;
-    }
-    case PORTABLE_AABBS: {
-        const struct portable_aabb *aabb = (const struct portable_aabb *)r->view.records + i;
-        bool ordered = aabb->min[0] <= aabb->max[0] && aabb->min[1] <= aabb->max[1] && aabb->min[2] <= aabb->max[2];
-        return id_is_sound(h, aabb->id) && ordered && aabb->reserved == 0;
-    }
-    default: { /* PORTABLE_INSTANCES: the header has been checked */
-        const struct portable_instance *instance = (const struct portable_instance *)r->view.records + i;
-        uint32_t reserved =
-            instance->reserved[0] | instance->reserved[1] | instance->reserved[2] | instance->reserved[3];
-        return instance->instance < h->primitive_count && instance->handle < r->view.handle_count && reserved == 0;
-    }
-    }
-}
-
 static enum bvhd_status check_records(const struct portable_reader *r)
 {
-    for (uint32_t i = 0; i < r->view.header->record_count; i++)
-        if (!record_is_sound(r, i))
-            return corrupt_at(r, "records", i, "", "an id, an index, a box or a reserved field is out of range");
-    return BVHD_OK;
+    const uint32_t unsound = r->kind->find_unsound(&r->view);
+    return unsound == r->view.header->record_count
+               ? BVHD_OK
+               : corrupt_at(r, "records", unsound, "", "an id, an index, a box or a reserved field is out of range");
 }
 
 /* Finds the body behind a header that names this layout. */
@@ -300,6 +271,8 @@ static enum bvhd_status open_sections(struct portable_reader *r, struct bytes bl
 {
     assert((uintptr_t)blob.data % 16 == 0);
     enum bvhd_status status = find_body(r, blob);
+    if (status == BVHD_OK)
+        status = check_content(r);
     if (status == BVHD_OK)
         status = check_counts(r);
     if (status == BVHD_OK)

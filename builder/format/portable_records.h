@@ -1,31 +1,62 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * portable_records.h - writes the records of a portable structure, the contents of its leaves, from a canonical copy.
- * There is one writer for each kind of record.
+ * record_kind.h has a writer for each kind of record; here is what these writers share, and what only one kind needs.
  */
 #ifndef BVHD_PORTABLE_RECORDS_H
 #define BVHD_PORTABLE_RECORDS_H
 
-#include "builder/format/canonical.h"
-#include "builder/format/portable.h"
+#include "builder/format/record_kind.h"
 
 /* The source and the destination of the records that are written. */
 struct portable_records {
-    enum portable_content content;
+    const struct record_kind *kind;
     const struct canonical *canonical;
     unsigned char *records; /* the start of the section */
-    const uint32_t *remap; /* indexed triangles: the new number of each vertex; NULL if all vertices are kept */
+    const uint32_t *remap; /* the new number of each vertex; NULL if there are none, or all are kept */
 };
-
-/* Returns the size of one record in bytes. */
-uint32_t portable_record_size(enum portable_content content);
 
 /*
  * Writes records first .. first + count - 1 from refs, which are flat primitive ids. May be called from any thread, for
  * ranges that do not overlap.
  */
-void portable_records_write(const struct portable_records *writer, uint32_t first, const uint32_t *refs,
-                            uint32_t count);
+static inline void portable_records_write(const struct portable_records *writer, uint32_t first, const uint32_t *refs,
+                                          uint32_t count)
+{
+    writer->kind->write(writer, refs, count, writer->records + (uint64_t)first * writer->kind->size);
+}
+
+/* Prefetches the data of refs that will be written soon. */
+static inline void portable_records_prefetch(const struct portable_records *writer, const uint32_t *refs,
+                                             uint32_t count)
+{
+    if (writer->kind->prefetch)
+        writer->kind->prefetch(writer, refs, count);
+}
+
+/* Returns the geometry of a flat primitive; `guess` is the one that is tried first. */
+static inline const struct canonical_geometry *portable_records_geometry(const struct portable_records *writer,
+                                                                         const struct canonical_geometry *guess,
+                                                                         uint32_t primitive)
+{
+    /* wraps around for primitives below the first one */
+    if (primitive - guess->first_primitive < guess->primitive_count)
+        return guess;
+    return &writer->canonical->geometries[canonical_geometry_of(writer->canonical, primitive)];
+}
+
+/* Returns the id of a record of a bottom level. */
+static inline uint32_t portable_records_id(const struct canonical_geometry *geometry, uint32_t primitive)
+{
+    return primitive | (geometry->flags & GEOMETRY_OPAQUE ? PORTABLE_ID_OPAQUE : 0);
+}
+
+/* Returns whether an untrusted id can be that of a record. */
+static inline bool portable_records_id_is_sound(const struct portable_header *header, uint32_t id)
+{
+    uint32_t flags = id & ~(uint32_t)PORTABLE_ID_MASK;
+    return (flags == 0 || flags == PORTABLE_ID_OPAQUE) && (id & PORTABLE_ID_MASK) < header->primitive_count;
+}
 
 /*
  * Sets used[vertex] to 1 for each vertex of these triangles, by relaxed atomic stores. May be called from any thread.
@@ -37,9 +68,6 @@ void portable_records_mark(const struct canonical *canonical, const uint32_t *re
  * which is the order in memory.
  */
 void portable_records_mark_range(const struct canonical *canonical, uint32_t first, uint32_t count, uint8_t *used);
-
-/* Prefetches the data of refs that will be written soon. */
-void portable_records_prefetch(const struct portable_records *writer, const uint32_t *refs, uint32_t count);
 
 /*
  * Inverts a row-major 3x4 matrix in double and rounds once. The result is all zero if the inverse does not exist or

@@ -31,21 +31,6 @@ struct portable_writer {
     uint32_t *remap; /* for each vertex: its new number; NULL if all vertices are kept */
 };
 
-static enum portable_content content_for(uint32_t structure_type, uint32_t geometry_type, uint32_t layout_flags)
-{
-    if (structure_type == STRUCTURE_TOP)
-        return PORTABLE_INSTANCES;
-    if (geometry_type == GEOMETRY_AABBS)
-        return PORTABLE_AABBS;
-    return layout_flags & PORTABLE_FAST_TRIANGLES ? PORTABLE_TRIANGLES : PORTABLE_INDEXED_TRIANGLES;
-}
-
-static enum portable_content content_of(const struct canonical *canonical, uint32_t layout_flags)
-{
-    uint32_t type = canonical->geometry_count > 0 ? canonical->geometries[0].type : GEOMETRY_TRIANGLES;
-    return content_for(canonical->type, type, layout_flags);
-}
-
 static void fill_bounds(const struct ir *ir, float ret_bounds[6])
 {
     struct box box = box_empty();
@@ -56,13 +41,13 @@ static void fill_bounds(const struct ir *ir, float ret_bounds[6])
 }
 
 /* Counts are below 2^32 and sizes are small, so that these sums do not overflow. */
-static void place_sections(struct portable_header *header)
+static void place_sections(const struct record_kind *kind, struct portable_header *header)
 {
     header->node_offset = sizeof *header;
     header->record_offset = header->node_offset + (uint64_t)header->node_count * sizeof(struct portable_node);
-    header->vertex_offset = header->record_offset + (uint64_t)header->record_count *
-                                                        portable_record_size((enum portable_content)header->content);
-    header->geometry_offset = bytes_align(header->vertex_offset + (uint64_t)header->vertex_count * 12, 16);
+    header->vertex_offset = header->record_offset + (uint64_t)header->record_count * kind->size;
+    header->geometry_offset =
+        bytes_align(header->vertex_offset + (uint64_t)header->vertex_count * kind->vertex_size, 16);
     header->body_size = header->geometry_offset + (uint64_t)header->geometry_count * sizeof(struct portable_geometry);
 }
 
@@ -70,7 +55,8 @@ static enum bvhd_status plan(struct portable_writer *w, struct bvhd_error *error
 {
     const struct canonical *canonical = w->input->canonical;
     const struct wide *wide = w->input->wide;
-    enum portable_content content = content_of(canonical, w->input->layout_flags);
+    const enum portable_content content = record_content_of(canonical, w->input->layout_flags);
+    const struct record_kind *kind = record_kind_of(content);
     if (canonical->primitive_count > PORTABLE_ID_MASK)
         return bvhd_error_set(error, BVHD_TOO_LARGE, "primitives", "%" PRIu32 " do not fit into 29 bits",
                               canonical->primitive_count);
@@ -85,12 +71,13 @@ static enum bvhd_status plan(struct portable_writer *w, struct bvhd_error *error
         .depth = wide->depth,
         .node_count = wide->node_count,
         .record_count = wide->leaf_refs,
-        .vertex_count = content == PORTABLE_INDEXED_TRIANGLES ? canonical->vertex_count : 0,
-        .geometry_count = content == PORTABLE_INSTANCES ? 0 : canonical->geometry_count,
+        .vertex_count = kind->vertex_size > 0 ? canonical->vertex_count : 0,
+        .geometry_count = record_kind_is_top(content) ? 0 : canonical->geometry_count,
         .primitive_count = canonical->primitive_count,
     };
     fill_bounds(w->input->ir, w->header.bounds);
-    place_sections(&w->header);
+    place_sections(kind, &w->header);
+    w->records = (struct portable_records){.kind = kind, .canonical = canonical};
     w->handles = portable_head_handles(&w->header, canonical);
     w->body_offset = portable_body_offset(w->handles);
     return BVHD_OK;
@@ -292,7 +279,7 @@ static enum bvhd_status drop_vertices(struct portable_writer *w, uint32_t kept, 
     run_all(w, vertex_chunks(w), remap_chunk);
     w->records.remap = w->remap;
     w->header.vertex_count = kept;
-    place_sections(&w->header);
+    place_sections(w->records.kind, &w->header);
     return BVHD_OK;
 }
 
@@ -378,7 +365,7 @@ static void write_tables(const struct portable_writer *w)
 {
     const struct canonical *canonical = w->input->canonical;
     const struct portable_header *header = &w->header;
-    uint64_t vertex_end = header->vertex_offset + (uint64_t)header->vertex_count * 12;
+    uint64_t vertex_end = header->vertex_offset + (uint64_t)header->vertex_count * w->records.kind->vertex_size;
     memset(w->body + vertex_end, 0, header->geometry_offset - vertex_end);
     for (uint32_t i = 0; i < header->geometry_count; i++) {
         const struct canonical_geometry *geometry = &canonical->geometries[i];
@@ -405,8 +392,6 @@ static enum bvhd_status portable_write(const struct layout_input *input, unsigne
     enum bvhd_status status = plan(&w, error);
     if (status != BVHD_OK)
         return status;
-    w.records.content = (enum portable_content)w.header.content;
-    w.records.canonical = input->canonical;
     status = plan_vertices(&w, error);
     if (status == BVHD_OK)
         status = allocate(&w, error);
@@ -428,11 +413,11 @@ static enum bvhd_status portable_write(const struct layout_input *input, unsigne
 static uint64_t portable_bound(const struct layout_counts *counts)
 {
     const enum portable_content content =
-        content_for(counts->structure_type, counts->geometry_type, counts->layout_flags);
-    const uint64_t vertices = content == PORTABLE_INDEXED_TRIANGLES ? counts->vertices * 12 : 0,
-                   geometries = content == PORTABLE_INSTANCES ? 0 : counts->geometry_count;
+        record_content_for(counts->structure_type, counts->geometry_type, counts->layout_flags);
+    const struct record_kind *kind = record_kind_of(content);
+    const uint64_t geometries = record_kind_is_top(content) ? 0 : counts->geometry_count;
     return sizeof(struct portable_header) + counts->wide_nodes * sizeof(struct portable_node) +
-           counts->refs * portable_record_size(content) + bytes_align(vertices, 16) +
+           counts->refs * kind->size + bytes_align(counts->vertices * kind->vertex_size, 16) +
            geometries * sizeof(struct portable_geometry);
 }
 

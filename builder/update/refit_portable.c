@@ -26,14 +26,11 @@ struct portable_refit {
     bool avx2; /* this machine has AVX2 */
 };
 
-static uint32_t content_of(const struct record *record)
+static enum portable_content content_of(const struct record *record)
 {
     const struct record_header *header = record->header;
-    if (header->type == STRUCTURE_TOP)
-        return PORTABLE_INSTANCES;
-    if (header->geometry_count > 0 && record->geometries[0].type == GEOMETRY_AABBS)
-        return PORTABLE_AABBS;
-    return header->layout_flags & PORTABLE_FAST_TRIANGLES ? PORTABLE_TRIANGLES : PORTABLE_INDEXED_TRIANGLES;
+    const uint32_t type = header->geometry_count > 0 ? record->geometries[0].type : GEOMETRY_TRIANGLES;
+    return record_content_for(header->type, type, header->layout_flags);
 }
 
 static enum bvhd_status check_source(const struct portable_refit *refit, struct bvhd_error *error)
@@ -265,12 +262,12 @@ static enum bvhd_status fill_tree(struct portable_refit *refit, struct refit_out
 static void copy_rest(const struct portable_refit *refit)
 {
     const struct portable_header *header = &refit->header;
+    const struct record_kind *kind = refit->records.kind;
     const unsigned char *source = (const unsigned char *)refit->source.header;
     const uint64_t sections[][2] = {
         {header->node_offset, (uint64_t)header->node_count * sizeof(struct portable_node)},
-        {header->record_offset,
-         (uint64_t)header->record_count * portable_record_size((enum portable_content)header->content)},
-        {header->vertex_offset, (uint64_t)header->vertex_count * 12},
+        {header->record_offset, (uint64_t)header->record_count * kind->size},
+        {header->vertex_offset, (uint64_t)header->vertex_count * kind->vertex_size},
     };
     uint64_t end = sizeof *header;
     for (int i = 0; i < 3; i++) {
@@ -290,7 +287,7 @@ static enum bvhd_status write_blob(struct portable_refit *refit, struct refit_ou
         return BVHD_NO_MEMORY;
     refit->body = refit->blob + portable_body_offset(handles);
     refit->records = (struct portable_records){
-        .content = (enum portable_content)refit->header.content,
+        .kind = record_kind_of(refit->header.content),
         .canonical = refit->canonical,
         .records = refit->body + refit->header.record_offset,
     };

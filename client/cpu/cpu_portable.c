@@ -5,6 +5,7 @@
 #include <inttypes.h>
 #include <string.h>
 
+#include "builder/format/record_kind.h"
 #include "builder/traverse/boxtest.h"
 #include "client/library.h"
 
@@ -45,7 +46,7 @@ static enum bvhd_status open_structure(struct cpu_structure *structure, struct b
 
 static enum cpu_level level(const struct cpu_structure *structure)
 {
-    return structure->view.portable.header->content == PORTABLE_INSTANCES ? CPU_TOP : CPU_BOTTOM;
+    return record_kind_is_top(structure->view.portable.header->content) ? CPU_TOP : CPU_BOTTOM;
 }
 
 static bool make_walk(struct bvhd_cpu_scene *scene)

@@ -3,6 +3,7 @@
 
 #include "builder/format/lavapipe.h"
 #include "builder/format/portable.h"
+#include "builder/format/record_kind.h"
 #include "builder/format/serialized.h"
 #include "client/library.h"
 #include "client/structure/structure.h"
@@ -27,9 +28,9 @@ static enum bvhd_status read_portable(struct bytes bytes, struct structure_conte
     if (status != BVHD_OK)
         return status;
     contents->target = TARGET_PORTABLE;
-    contents->type = view.header->content == PORTABLE_INSTANCES ? STRUCTURE_TOP : STRUCTURE_BOTTOM;
+    contents->type = record_kind_is_top(view.header->content) ? STRUCTURE_TOP : STRUCTURE_BOTTOM;
     contents->flags = view.header->build_flags;
-    contents->layout_flags = view.header->content == PORTABLE_TRIANGLES ? PORTABLE_FAST_TRIANGLES : 0;
+    contents->layout_flags = record_kind_of(view.header->content)->layout_flag;
     if (!(contents->flags & BUILD_ALLOW_DATA_ACCESS))
         return BVHD_OK;
     return positions_of_portable(bytes, &view, &library_memory, &contents->positions, error);

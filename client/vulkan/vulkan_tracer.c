@@ -4,7 +4,7 @@
 #include <inttypes.h>
 #include <string.h>
 
-#include "builder/format/portable.h"
+#include "builder/format/record_kind.h"
 #include "client/argument.h"
 #include "client/library.h"
 #include "client/vulkan/vulkan_blob.h"
@@ -300,7 +300,7 @@ static enum bvhd_status add_blob(const struct bvhd_tracer_options *options, uint
         return bvhd_error_set(error, BVHD_INVALID, "options.blobs", "native structures: the device traces them itself");
     uint32_t content = vulkan_contents_add(&scene->contents, bytes);
     if (index == options->root)
-        scene->has_top = content == PORTABLE_INSTANCES;
+        scene->has_top = record_kind_is_top(content);
     return BVHD_OK;
 }
 

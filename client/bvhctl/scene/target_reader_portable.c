@@ -4,7 +4,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "builder/format/portable_records.h"
+#include "builder/format/record_kind.h"
 #include "client/bvhctl/scene/survey.h"
 
 static const struct {
@@ -84,10 +84,10 @@ static const char *content_name(const struct structure *structure)
 static void count_bytes(const struct portable_view *view, uint64_t blob_size, struct survey *survey)
 {
     const struct portable_header *header = view->header;
+    const struct record_kind *kind = record_kind_of(header->content);
     survey->node_bytes = header->node_count * (uint64_t)sizeof(struct portable_node);
-    survey->record_bytes =
-        header->record_count * (uint64_t)portable_record_size((enum portable_content)header->content);
-    survey->vertex_bytes = header->vertex_count * UINT64_C(12);
+    survey->record_bytes = header->record_count * (uint64_t)kind->size;
+    survey->vertex_bytes = header->vertex_count * (uint64_t)kind->vertex_size;
     survey->geometry_bytes = header->geometry_count * (uint64_t)sizeof(struct portable_geometry);
     survey->header_bytes = blob_size - header->body_size + sizeof *header;
     survey->other_bytes = blob_size - survey->header_bytes - survey->node_bytes - survey->record_bytes -

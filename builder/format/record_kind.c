@@ -1,0 +1,26 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "builder/format/record_kind.h"
+
+const struct record_kind *const record_kinds[PORTABLE_CONTENTS] = {
+    [PORTABLE_INDEXED_TRIANGLES] = &record_indexed_triangles,
+    [PORTABLE_TRIANGLES] = &record_triangles,
+    [PORTABLE_AABBS] = &record_aabbs,
+    [PORTABLE_INSTANCES] = &record_instances,
+};
+
+/* Of the contents of one type, those that need a flag come after the one that needs none. */
+enum portable_content record_content_for(uint32_t structure_type, uint32_t geometry_type, uint32_t layout_flags)
+{
+    const uint32_t type = structure_type == STRUCTURE_TOP ? GEOMETRY_INSTANCES : geometry_type;
+    enum portable_content found = PORTABLE_INDEXED_TRIANGLES;
+    for (uint32_t content = 0; content < PORTABLE_CONTENTS; content++)
+        if (record_kinds[content]->type == type && !(record_kinds[content]->layout_flag & ~layout_flags))
+            found = (enum portable_content)content;
+    return found;
+}
+
+enum portable_content record_content_of(const struct canonical *canonical, uint32_t layout_flags)
+{
+    const uint32_t type = canonical->geometry_count > 0 ? canonical->geometries[0].type : GEOMETRY_TRIANGLES;
+    return record_content_for(canonical->type, type, layout_flags);
+}
