@@ -1,31 +1,25 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "builder/update/activity.h"
 
+#include "builder/update/update_kind.h"
 #include "proto/base/prefix.h"
 
 /* Vertices or primitives in a task: a multiple of 64. */
-enum { CHUNK = 8192, INSTANCE_SIZE = 64, INSTANCE_REFERENCE = 56 };
+enum { CHUNK = 8192 };
 
 struct search {
     const struct canonical *canonical;
     uint64_t *words;
-    atomic_bool is_suspect; /* a value is NaN, or an instance has no reference */
+    atomic_bool is_suspect; /* a vertex is NaN */
     _Atomic uint32_t inactive;
 };
-
-static bool any_nan(const float *values, size_t count)
-{
-    int found = 0;
-    for (size_t i = 0; i < count; i++)
-        found |= values[i] != values[i];
-    return found;
-}
 
 /* Looks for NaNs in a chunk of the vertices of all geometries. */
 static void scan_vertices(void *context, size_t index)
 {
     struct search *search = context;
     const struct canonical *canonical = search->canonical;
+    const struct update_kind *kind = update_kind_of(canonical->geometries[0].type);
     size_t begin, end;
     bool found = false;
     parallel_chunk(index, CHUNK, canonical->vertex_count, &begin, &end);
@@ -36,29 +30,19 @@ static void scan_vertices(void *context, size_t index)
         size_t limit = (size_t)geometry->first_vertex + geometry->vertex_count;
         limit = limit < end ? limit : end;
         if (begin < limit)
-            found |= any_nan(geometry->positions + 3 * (begin - geometry->first_vertex), 3 * (limit - begin));
+            found |= kind->has_nan(geometry, begin - geometry->first_vertex, limit - begin);
         begin = limit;
     }
     if (found)
         atomic_store_explicit(&search->is_suspect, true, memory_order_relaxed);
 }
 
-static bool instance_is_active(const unsigned char *record)
+/* Returns how many primitives from `first` on belong to one geometry, one word and one chunk. */
+static uint32_t run_length(const struct canonical_geometry *geometry, uint32_t first, size_t id, size_t end)
 {
-    float transform[12];
-    memcpy(transform, record, sizeof transform);
-    return bytes_get64(record + INSTANCE_REFERENCE) != 0 && !any_nan(transform, 12);
-}
-
-static bool is_active(const struct canonical_geometry *geometry, uint32_t index)
-{
-    if (geometry->type == GEOMETRY_INSTANCES)
-        return instance_is_active(geometry->instances + (size_t)INSTANCE_SIZE * index);
-    if (geometry->type == GEOMETRY_AABBS)
-        return !any_nan(geometry->boxes + (size_t)6 * index, 6);
-    float corners[3][3];
-    canonical_triangle(geometry, index, corners);
-    return !any_nan(corners[0], 9);
+    size_t count = 64 - id % 64;
+    count = count < end - id ? count : end - id;
+    return count < geometry->primitive_count - first ? (uint32_t)count : geometry->primitive_count - first;
 }
 
 /* Each task writes words of its own, if there are words, and counts. */
@@ -72,11 +56,13 @@ static void find_chunk(void *context, size_t index)
     const struct canonical_geometry *geometry = &canonical->geometries[canonical_geometry_of(canonical, (uint32_t)id)];
     if (search->words)
         memset(search->words + id / 64, 0, activity_words((uint32_t)(end - id)) * sizeof *search->words);
-    for (; id < end; id++) {
+    for (uint32_t count; id < end; id += count) {
         while (id - geometry->first_primitive >= geometry->primitive_count)
             geometry++;
-        uint64_t active = is_active(geometry, (uint32_t)(id - geometry->first_primitive));
-        inactive += !active;
+        const uint32_t first = (uint32_t)(id - geometry->first_primitive);
+        count = run_length(geometry, first, id, end);
+        const uint64_t active = update_kind_of(geometry->type)->active(geometry, first, count);
+        inactive += count - (uint32_t)__builtin_popcountll(active);
         if (search->words)
             search->words[id / 64] |= active << id % 64;
     }
@@ -103,8 +89,8 @@ enum bvhd_status activity_count(const struct canonical *canonical, const struct 
                                 uint32_t *ret_inactive)
 {
     struct search search = {.canonical = canonical};
-    bool triangles = canonical->geometry_count > 0 && canonical->geometries[0].type == GEOMETRY_TRIANGLES;
-    if (!triangles || has_suspect_vertices(&search, context))
+    const struct canonical_geometry *first = canonical->geometry_count > 0 ? canonical->geometries : NULL;
+    if (!first || !update_kind_of(first->type)->has_nan || has_suspect_vertices(&search, context))
         return run(&search, context, ret_inactive);
     if (context_cancelled(context))
         return BVHD_CANCELLED;

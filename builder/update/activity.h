@@ -16,7 +16,8 @@ static inline uint64_t activity_words(uint32_t primitives)
 }
 
 /*
- * Counts the primitives that are not active. Where no vertex has a NaN, triangles take one pass over the vertices.
+ * Counts the primitives that are not active. Where no vertex has a NaN, primitives with vertices take one pass
+ * over these.
  * Returns BVHD_OK or BVHD_CANCELLED.
  */
 enum bvhd_status activity_count(const struct canonical *canonical, const struct build_context *context,

@@ -4,7 +4,7 @@
 #include "builder/format/layout.h"
 #include "builder/update/activity.h"
 #include "builder/update/record_internal.h"
-#include "proto/base/place.h"
+#include "builder/update/update_kind.h"
 
 static enum bvhd_status corrupt(struct bvhd_error *error, const char *where, const char *reason)
 {
@@ -57,13 +57,8 @@ static enum bvhd_status check_structure(const struct record_header *header, stru
 
 static bool row_is_sound(const struct record_header *header, const struct record_geometry *row)
 {
-    static const struct record_geometry none;
-    if (header->type == STRUCTURE_TOP ? row->type != GEOMETRY_INSTANCES : row->type > GEOMETRY_AABBS)
-        return false;
-    if (row->type != GEOMETRY_TRIANGLES)
-        return memcmp(&row->vertex_count, &none.vertex_count,
-                      sizeof *row - offsetof(struct record_geometry, vertex_count)) == 0;
-    return row->indexed <= 1 && row->has_transform <= 1 && (row->indexed || row->index_sum == 0);
+    const struct update_kind *kind = update_kind_of(row->type);
+    return kind && (header->type == STRUCTURE_TOP) == (row->type == GEOMETRY_INSTANCES) && kind->row_is_sound(row);
 }
 
 static enum bvhd_status check_rows(const struct record *record, struct bvhd_error *error)

@@ -1,14 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "builder/format/portable_head.h"
 #include "builder/format/portable_quantise.h"
-#include "builder/format/portable_records.h"
-#include "builder/input/primitive.h"
 #include "builder/update/portable_tree.h"
-#include "builder/update/refit_internal.h"
 #include "builder/update/refit_vertices.h"
-#include "proto/base/place.h"
-
-enum { RECORDS_MAX = 8 * PORTABLE_LEAF_MAX };
+#include "builder/update/update_kind.h"
 
 /* The state of one refit, or of one measurement, for which only the first four are set. */
 struct portable_refit {
@@ -18,11 +13,10 @@ struct portable_refit {
     double leaf_cost;
 
     const struct canonical *canonical;
-    const struct record *record; /* of `canonical` */
+    const struct update_kind *kind; /* of the geometries of `canonical` */
     struct portable_header header;
     unsigned char *blob, *body;
-    struct portable_records records; /* where the new ones go */
-    const float *vertices; /* the new ones */
+    struct refit_records records;
     bool avx2; /* this machine has AVX2 */
 };
 
@@ -36,103 +30,15 @@ static enum portable_content content_of(const struct record *record)
 static enum bvhd_status check_source(const struct portable_refit *refit, struct bvhd_error *error)
 {
     const struct portable_header *header = refit->source.header;
-    const struct record_header *record = refit->record->header;
+    const struct record_header *record = refit->records.record->header;
     const uint32_t geometries = record->type == STRUCTURE_TOP ? 0 : record->geometry_count;
-    if (header->content != content_of(refit->record))
+    if (header->content != content_of(refit->records.record))
         return bvhd_error_set(error, BVHD_CORRUPT, "body.content", "not that of the record");
     if (header->primitive_count != record->primitive_count)
         return bvhd_error_set(error, BVHD_CORRUPT, "body.primitiveCount", "not that of the record");
     if (header->geometry_count != geometries)
         return bvhd_error_set(error, BVHD_CORRUPT, "body.geometryCount", "not that of the record");
     return BVHD_OK;
-}
-
-static bool id_is_sound(const struct portable_refit *refit, uint32_t id)
-{
-    return id < refit->header.primitive_count && record_is_active(refit->record, id);
-}
-
-/* Copies the records of a node: their vertices have the same rows. */
-static bool copy_indexed(const struct portable_refit *refit, uint32_t first, unsigned count)
-{
-    const struct portable_indexed_triangle *source =
-        (const struct portable_indexed_triangle *)refit->source.records + first;
-    const uint32_t vertices = refit->header.vertex_count;
-    bool sound = true;
-    for (unsigned i = 0; i < count; i++) {
-        const uint32_t *rows = source[i].vertices;
-        sound &= rows[0] < vertices && rows[1] < vertices && rows[2] < vertices &&
-                 (source[i].id & PORTABLE_ID_MASK) < refit->header.primitive_count;
-    }
-    memcpy(refit->records.records + (uint64_t)first * sizeof *source, source, count * sizeof *source);
-    return sound;
-}
-
-/* Returns the flat primitive of a record that is no indexed triangle. */
-static uint32_t primitive_of(const struct portable_refit *refit, uint32_t record)
-{
-    const void *records = refit->source.records;
-    if (refit->header.content == PORTABLE_INSTANCES)
-        return ((const struct portable_instance *)records)[record].instance;
-    return PORTABLE_ID_MASK &
-           (refit->header.content == PORTABLE_AABBS ? ((const struct portable_aabb *)records)[record].id
-                                                    : ((const struct portable_triangle *)records)[record].id);
-}
-
-static bool write_records(const struct portable_refit *refit, uint32_t first, unsigned count)
-{
-    uint32_t ids[RECORDS_MAX];
-    if (refit->header.content == PORTABLE_INDEXED_TRIANGLES)
-        return copy_indexed(refit, first, count);
-    for (unsigned i = 0; i < count; i++) {
-        ids[i] = primitive_of(refit, first + i);
-        if (!id_is_sound(refit, ids[i]))
-            return false;
-    }
-    portable_records_write(&refit->records, first, ids, count);
-    return true;
-}
-
-static struct vec4_box box_of_corners(const float *a, const float *b, const float *c)
-{
-    const vec4 p = vec4_load3(a), q = vec4_load3(b), r = vec4_load3(c);
-    return (struct vec4_box){vec4_min(r, vec4_min(q, p)), vec4_max(r, vec4_max(q, p))};
-}
-
-/* Returns the box of a record that has been written. */
-static struct vec4_box box_of_record(const struct portable_refit *refit, uint32_t record)
-{
-    const void *records = refit->records.records;
-    switch ((enum portable_content)refit->header.content) {
-    case PORTABLE_INDEXED_TRIANGLES: {
-        const uint32_t *rows = ((const struct portable_indexed_triangle *)records)[record].vertices;
-        const float *at = refit->vertices;
-        return box_of_corners(at + 3 * (uint64_t)rows[0], at + 3 * (uint64_t)rows[1], at + 3 * (uint64_t)rows[2]);
-    }
-    case PORTABLE_TRIANGLES: {
-        const struct portable_triangle *triangle = (const struct portable_triangle *)records + record;
-        return box_of_corners(triangle->v0, triangle->v1, triangle->v2);
-    }
-    case PORTABLE_AABBS: {
-        const struct portable_aabb *aabb = (const struct portable_aabb *)records + record;
-        return (struct vec4_box){vec4_load3(aabb->min), vec4_load3(aabb->max)};
-    }
-    default: {
-        const uint32_t instance = ((const struct portable_instance *)records)[record].instance;
-        const struct box box = primitive_box(refit->canonical, refit->canonical->geometries, instance);
-        return vec4_box_from(&box);
-    }
-    }
-}
-
-static struct vec4_box box_of_leaf(const struct portable_refit *refit, uint32_t first, unsigned count)
-{
-    struct vec4_box box = box_of_record(refit, first);
-    for (unsigned i = 1; i < count; i++) {
-        const struct vec4_box next = box_of_record(refit, first + i);
-        vec4_box_grow(&box, next.min, next.max);
-    }
-    return refit_box_finite(box);
 }
 
 /* Finds the boxes of a node's children, an empty slot's being that of another one, and returns the box around them. */
@@ -143,15 +49,13 @@ static struct vec4_box gather_boxes(const struct portable_refit *refit, const st
     const struct box *const filler =
         shape->inner ? &refit->nodes[node->first_child].box : &leaves[__builtin_ctz(shape->occupied)].box;
     struct vec4_box all = vec4_box_empty();
-    uint32_t child = node->first_child, record = node->first_record;
+    uint32_t child = node->first_child;
+    refit->kind->boxes(&refit->records, node->first_record, shape->counts, leaves);
     for (unsigned slot = 0; slot < 8; slot++) {
-        const unsigned count = shape->counts[slot];
         ret_boxes[slot] = filler;
         if (shape->inner >> slot & 1) {
             ret_boxes[slot] = &refit->nodes[child++].box;
-        } else if (count > 0) {
-            vec4_box_put(box_of_leaf(refit, record, count), &leaves[slot].box);
-            record += count;
+        } else if (shape->counts[slot] > 0) {
             ret_boxes[slot] = &leaves[slot].box;
         } else {
             continue;
@@ -177,7 +81,7 @@ static bool refit_node(void *context, uint32_t index, uint32_t end)
     const struct portable_node *source = &refit->source.nodes[index];
     struct portable_shape shape;
     if (!portable_tree_read(&refit->source, index, end, &shape) ||
-        !write_records(refit, source->first_record, shape.records))
+        !refit->kind->write(&refit->records, source->first_record, shape.records))
         return false;
     struct portable_node *node = (struct portable_node *)(void *)(refit->body + refit->header.node_offset) + index;
     struct refit_node leaves[8];
@@ -244,9 +148,9 @@ static enum bvhd_status fill_tree(struct portable_refit *refit, struct refit_out
     if (refit->header.node_count == 0)
         return BVHD_OK;
     float *vertices = (float *)(void *)(refit->body + refit->header.vertex_offset);
-    refit->vertices = vertices;
-    enum bvhd_status status =
-        refit_vertices(refit->canonical, refit->record, refit->context, vertices, refit->header.vertex_count, error);
+    refit->records.vertices = vertices;
+    enum bvhd_status status = refit_vertices(refit->canonical, refit->records.record, refit->context, vertices,
+                                             refit->header.vertex_count, error);
     if (status == BVHD_OK)
         status = sweep(refit, refit_node, error);
     if (status != BVHD_OK)
@@ -262,7 +166,7 @@ static enum bvhd_status fill_tree(struct portable_refit *refit, struct refit_out
 static void copy_rest(const struct portable_refit *refit)
 {
     const struct portable_header *header = &refit->header;
-    const struct record_kind *kind = refit->records.kind;
+    const struct record_kind *kind = refit->records.written.kind;
     const unsigned char *source = (const unsigned char *)refit->source.header;
     const uint64_t sections[][2] = {
         {header->node_offset, (uint64_t)header->node_count * sizeof(struct portable_node)},
@@ -286,7 +190,7 @@ static enum bvhd_status write_blob(struct portable_refit *refit, struct refit_ou
     if (!refit->blob)
         return BVHD_NO_MEMORY;
     refit->body = refit->blob + portable_body_offset(handles);
-    refit->records = (struct portable_records){
+    refit->records.written = (struct portable_records){
         .kind = record_kind_of(refit->header.content),
         .canonical = refit->canonical,
         .records = refit->body + refit->header.record_offset,
@@ -305,8 +209,9 @@ static enum bvhd_status write_blob(struct portable_refit *refit, struct refit_ou
 enum bvhd_status refit_portable(const struct refit_request *request, const struct build_context *context,
                                 struct refit_output *ret_output, struct bvhd_error *error)
 {
-    struct portable_refit refit = {
-        .context = context, .canonical = request->canonical, .record = request->record, .avx2 = portable_has_avx2()};
+    struct portable_refit refit = {.context = context, .canonical = request->canonical, .avx2 = portable_has_avx2()};
+    refit.records.record = request->record;
+    refit.records.source = &refit.source;
     enum bvhd_status status = portable_open_sections(request->source, &refit.source, error);
     if (status == BVHD_OK)
         status = check_source(&refit, error);
@@ -314,6 +219,7 @@ enum bvhd_status refit_portable(const struct refit_request *request, const struc
         return status;
     struct refit_output output = {.bounds = box_empty()};
     refit.header = *refit.source.header;
+    refit.kind = update_kind_of(record_kind_of(refit.header.content)->type);
     refit.leaf_cost = portable_tree_leaf_cost(refit.header.content);
     status = write_blob(&refit, &output, error);
     if (status != BVHD_OK)

@@ -1,0 +1,29 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "builder/update/update_kind.h"
+
+const struct update_kind *update_kind_of(uint32_t type)
+{
+    static const struct update_kind *const kinds[] = {
+        [GEOMETRY_TRIANGLES] = &update_triangles,
+        [GEOMETRY_AABBS] = &update_aabbs,
+        [GEOMETRY_INSTANCES] = &update_instances,
+    };
+    return type < sizeof kinds / sizeof *kinds ? kinds[type] : NULL;
+}
+
+bool update_row_is_plain(const struct record_geometry *row)
+{
+    static const struct record_geometry none;
+    return memcmp(&row->vertex_count, &none.vertex_count,
+                  sizeof *row - offsetof(struct record_geometry, vertex_count)) == 0;
+}
+
+bool update_write(const struct refit_records *records, uint32_t first, const uint32_t *primitives, unsigned count)
+{
+    for (unsigned i = 0; i < count; i++)
+        if (primitives[i] >= records->source->header->primitive_count ||
+            !record_is_active(records->record, primitives[i]))
+            return false;
+    portable_records_write(&records->written, first, primitives, count);
+    return true;
+}
