@@ -385,12 +385,15 @@ static void inverses_invert(void **state)
         }
     }
     static const float flat[12] = {1, 0, 0, 5, 0, 0, 0, 5, 0, 0, 1, 5},
-                       tiny[12] = {1e-44f, 0, 0, 1, 0, 1, 0, 1, 0, 0, 1, 1};
+                       tiny[12] = {1e-44f, 0, 0, 1, 0, 1, 0, 1, 0, 0, 1, 1},
+                       far[12] = {1e-30f, 0, 0, 3e38f, 0, 1e-30f, 0, 0, 0, 0, 1e-30f, 0};
     static const float zero[12] = {0};
     float inverse[12];
     portable_invert(flat, inverse);
     assert_memory_equal(inverse, zero, sizeof zero);
     portable_invert(tiny, inverse);
+    assert_memory_equal(inverse, zero, sizeof zero);
+    portable_invert(far, inverse);
     assert_memory_equal(inverse, zero, sizeof zero);
 }
 
