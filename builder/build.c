@@ -7,6 +7,7 @@
 #include "proto/base/clock.h"
 #include "builder/wide/collapse.h"
 #include "builder/depth.h"
+#include "builder/format/record_kind.h"
 #include "builder/kernel/leaves.h"
 #include "builder/input/outline.h"
 #include "builder/method.h"
@@ -30,6 +31,7 @@ struct construction {
     const struct canonical *canonical; /* points to `view` */
     struct canonical view;
     const struct layout *layout;
+    const struct record_kind *record; /* of the portable layout; all layouts take their prices from it */
     const struct build_context *context;
     enum build_quality quality;
     enum pieces_method method;
@@ -101,18 +103,11 @@ static void count_primitives(const struct canonical *canonical, struct build_sta
     }
 }
 
-static bool is_of_triangles(const struct canonical *canonical)
-{
-    return canonical->geometry_count > 0 && canonical->geometries[0].type == GEOMETRY_TRIANGLES;
-}
-
-/*
- * Triangles that end up in one leaf need no tree of their own. Boxes and instances are more expensive to test, and the
- * collapse may decide on each of them, so their leaves hold one.
- */
+/* Returns how many primitives may share a leaf before the collapse. */
 static uint32_t leaf_max(const struct construction *construction)
 {
-    return is_of_triangles(construction->canonical) ? construction->layout->leaf_max : 1;
+    const uint32_t most = construction->layout->leaf_max, first = construction->record->first_leaf;
+    return first < most ? first : most;
 }
 
 /*
@@ -326,15 +321,9 @@ static enum bvhd_status join_wide_pieces(struct construction *construction, cons
                             &construction->stats.depth, ret_cost, construction->error);
 }
 
-/* Cost of testing a leaf relative to a wide node: a triangle is tested faster than a box that only bounds something. */
-static float leaf_cost(const struct canonical *canonical)
-{
-    return is_of_triangles(canonical) ? BUILD_TRIANGLE_COST : 1.0f;
-}
-
 static struct collapse_options collapse_wanted(const struct construction *construction)
 {
-    return (struct collapse_options){construction->layout->leaf_max, leaf_cost(construction->canonical),
+    return (struct collapse_options){construction->layout->leaf_max, construction->record->cost,
                                      construction->context->cancel, construction->quality == QUALITY_FAST};
 }
 
@@ -501,6 +490,7 @@ static enum bvhd_status construction_init(struct construction *construction, con
 {
     *construction = (struct construction){.view = *canonical, .context = context, .error = error, .clock = clock_ms()};
     construction->canonical = &construction->view;
+    construction->record = record_kind_of(record_content_of(canonical, options->layout_flags));
     construction->quality = tier_resolve(canonical, options);
     construction->stats.quality = construction->quality;
     construction->method = method_choose(canonical, options->builder, construction->quality);

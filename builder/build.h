@@ -21,9 +21,6 @@ enum { BUILD_VERSION = 6 };
 /* Part of the keys of updates: changes whenever the same update of the same structure would give other bytes. */
 enum { REFIT_VERSION = 1 };
 
-/* The cost of testing a ray against a triangle, in visits of a wide node. Any other record costs as much as a node. */
-#define BUILD_TRIANGLE_COST 0.3f
-
 /*
  * Wall time of each stage in milliseconds. A tree that becomes wide piece by piece, as nearly all of quality fast do,
  * is collapsed within `pieces` and `join`; its `collapse` is 0.

@@ -1,8 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "builder/update/portable_tree.h"
 
-#include "builder/build.h"
-
 #if defined(__SSE2__) && !defined(BVHD_SCALAR)
 #include <emmintrin.h>
 #endif
@@ -152,9 +150,4 @@ double portable_tree_node_cost(const struct portable_node *node, const struct po
             (sums.inner + leaf_cost * sums.leaves) * (step_of(node->exponent[axis]) * step_of(node->exponent[other]));
     }
     return cost;
-}
-
-double portable_tree_leaf_cost(uint32_t content)
-{
-    return content == PORTABLE_INDEXED_TRIANGLES || content == PORTABLE_TRIANGLES ? (double)BUILD_TRIANGLE_COST : 1;
 }

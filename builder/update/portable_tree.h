@@ -32,7 +32,4 @@ bool portable_tree_cut(const struct portable_view *view, struct subtrees *subtre
 /* Returns the sum over a node's children of area times price, where the records of a leaf cost `leaf_cost` each. */
 double portable_tree_node_cost(const struct portable_node *node, const struct portable_shape *shape, double leaf_cost);
 
-/* Returns the price of a record, relative to a node. */
-double portable_tree_leaf_cost(uint32_t content);
-
 #endif

@@ -220,7 +220,7 @@ enum bvhd_status refit_portable(const struct refit_request *request, const struc
     struct refit_output output = {.bounds = box_empty()};
     refit.header = *refit.source.header;
     refit.kind = update_kind_of(record_kind_of(refit.header.content)->type);
-    refit.leaf_cost = portable_tree_leaf_cost(refit.header.content);
+    refit.leaf_cost = (double)record_kind_of(refit.header.content)->cost;
     status = write_blob(&refit, &output, error);
     if (status != BVHD_OK)
         return status;
@@ -238,7 +238,7 @@ enum bvhd_status refit_portable_cost(struct bytes blob, const struct build_conte
         return status;
     const struct portable_header *header = refit.source.header;
     double cost = 0;
-    refit.leaf_cost = portable_tree_leaf_cost(header->content);
+    refit.leaf_cost = (double)record_kind_of(header->content)->cost;
     if (header->node_count > 0) {
         status = sweep(&refit, measure_node, error);
         struct box root;
