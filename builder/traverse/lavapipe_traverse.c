@@ -109,7 +109,8 @@ static void visit_bottom(struct lavapipe_walk *walk, const struct lavapipe_view 
                          const struct traverse_instance *instance)
 {
     bool is_aabbs = view->kind == LAVAPIPE_AABB;
-    if (view->kind == LAVAPIPE_INSTANCE || !traverse_state_enter(&walk->state, instance, is_aabbs))
+    const uint32_t skip_flag = is_aabbs ? RAY_SKIP_AABBS : RAY_SKIP_TRIANGLES;
+    if (view->kind == LAVAPIPE_INSTANCE || !traverse_state_enter(&walk->state, instance, skip_flag, !is_aabbs))
         return;
     walk->view = view;
     visit_boxes(walk, view, is_aabbs ? visit_aabb : visit_triangle);

@@ -380,7 +380,7 @@ static void enter_instance(struct packet *packet, const struct traverse_instance
 {
     packet->work.counters.instances += (unsigned)__builtin_popcount(lanes);
     for (; lanes != 0; lanes &= lanes - 1)
-        traverse_state_settle(&packet->states[__builtin_ctz(lanes)].state, instance, false);
+        traverse_state_settle(&packet->states[__builtin_ctz(lanes)].state, instance, RAY_SKIP_TRIANGLES, true);
 }
 
 /* Traces lanes through an instance of triangles together. */

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "builder/traverse/traverse.h"
 
-#include "builder/traverse/traverse_walk.h"
+#include "builder/traverse/leaf_kind.h"
 
 void traverse_walk_identify(const struct traverse_state *state, uint32_t bottom, uint64_t id, uint32_t *ret_geometry,
                             uint32_t *ret_primitive)
@@ -13,29 +13,6 @@ void traverse_walk_identify(const struct traverse_state *state, uint32_t bottom,
     *ret_primitive = (uint32_t)id - view->geometries[geometry].first_primitive;
 }
 
-static void visit_triangles(struct traverse_walk *walk, uint32_t first, uint32_t count)
-{
-    struct traverse_state *state = &walk->state;
-    for (uint32_t i = 0; i < count && !state->is_done; i++) {
-        uint32_t record = first + (state->options->flip_order ? count - 1 - i : i);
-        const float *corners[3];
-        uint32_t id = traverse_corners(walk->view, record, corners);
-        state->counters.triangles++;
-        traverse_leaf_triangle(state, record, id & PORTABLE_ID_MASK, id & PORTABLE_ID_OPAQUE, corners);
-    }
-}
-
-static void visit_aabbs(struct traverse_walk *walk, uint32_t first, uint32_t count)
-{
-    struct traverse_state *state = &walk->state;
-    for (uint32_t i = 0; i < count && !state->is_done; i++) {
-        uint32_t record = first + (state->options->flip_order ? count - 1 - i : i);
-        const struct portable_aabb *aabb = (const struct portable_aabb *)walk->view->records + record;
-        traverse_leaf_aabb(state, record, aabb->id & PORTABLE_ID_MASK, aabb->id & PORTABLE_ID_OPAQUE, aabb->min,
-                           aabb->max);
-    }
-}
-
 static bool init_avx2(const struct traverse_walk *walk, struct boxtest_ray *ret_ray)
 {
     const struct ray *ray = walk->state.ray;
@@ -45,16 +22,15 @@ static bool init_avx2(const struct traverse_walk *walk, struct boxtest_ray *ret_
     return boxtest_init_avx2(walk->state.origin, walk->state.direction, ray->tmin, bounds, ret_ray);
 }
 
-/* Returns whether the ray may end at any hit below a top level, in the order that is the fastest. */
-static bool is_any_of_instances(const struct traverse_walk *walk)
+/* Returns whether the ray may end at any hit, in the order that is the fastest. */
+static bool is_any(const struct traverse_walk *walk)
 {
     const struct traverse_options *options = walk->state.options;
-    return walk->view->header->content == PORTABLE_INSTANCES && !options->candidate && !options->flip_order &&
-           walk->state.ray->flags & RAY_TERMINATE_ON_FIRST_HIT;
+    return !options->candidate && !options->flip_order && walk->state.ray->flags & RAY_TERMINATE_ON_FIRST_HIT;
 }
 
 /* Traverses walk->view with the ray in the state's origin and direction. */
-static void visit_nodes(struct traverse_walk *walk, traverse_leaf leaf)
+static void visit_nodes(struct traverse_walk *walk, const struct leaf_kind *kind)
 {
     const struct portable_header *header = walk->view->header;
     const double *origin = walk->state.origin, *direction = walk->state.direction;
@@ -63,20 +39,20 @@ static void visit_nodes(struct traverse_walk *walk, traverse_leaf leaf)
     struct boxtest_exact exact;
     if (header->node_count == 0)
         return;
-    if (walk->avx2 && leaf == visit_triangles && !walk->state.options->flip_order &&
-        traverse_avx2_triangles(&walk->state, walk->view, walk->unpacked))
+    if (walk->avx2 && kind->walk_avx2 && !walk->state.options->flip_order &&
+        kind->walk_avx2(&walk->state, walk->view, walk->unpacked))
         return;
     if (walk->avx2 && init_avx2(walk, &ray)) {
-        if (is_any_of_instances(walk))
-            traverse_avx2_any_instances(walk, &ray, leaf);
+        if (kind->is_top && is_any(walk))
+            traverse_avx2_any_instances(walk, &ray, kind->visit);
         else
-            traverse_loop_avx2(walk, &ray, leaf);
+            traverse_loop_avx2(walk, &ray, kind->visit);
     } else if (!walk->state.options->exact_only && boxtest_init(origin, direction, tmin, header->bounds, &ray)) {
-        traverse_loop_float(walk, &ray, leaf);
+        traverse_loop_float(walk, &ray, kind->visit);
     } else if (traverse_state_is_usable(&walk->state)) {
         /* A ray that the float box tests accept is usable in any case. */
         boxtest_init_exact(origin, direction, tmin, header->bounds, &exact);
-        traverse_loop_double(walk, &exact, leaf);
+        traverse_loop_double(walk, &exact, kind->visit);
     }
 }
 
@@ -92,38 +68,15 @@ static inline const struct unpacked_node *unpacked_of(const struct scene *scene,
     return scene->unpacked[bottom];
 }
 
-static void visit_bottom(struct traverse_walk *walk, uint32_t bottom, const struct traverse_instance *instance)
+void traverse_walk_bottom(struct traverse_walk *walk, uint32_t bottom, const struct traverse_instance *instance)
 {
     const struct portable_view *view = walk->scene->bottoms[bottom];
-    bool is_aabbs = view->header->content == PORTABLE_AABBS;
-    if (view->header->content == PORTABLE_INSTANCES || !traverse_state_enter(&walk->state, instance, is_aabbs))
+    const struct leaf_kind *kind = leaf_kind_of(view);
+    if (kind->is_top || !traverse_state_enter(&walk->state, instance, kind->skip_flag, kind->is_triangles))
         return;
     walk->view = view;
     walk->unpacked = unpacked_of(walk->scene, bottom);
-    visit_nodes(walk, is_aabbs ? visit_aabbs : visit_triangles);
-}
-
-void traverse_walk_instance(struct traverse_walk *walk, uint32_t row)
-{
-    const struct scene *scene = walk->scene;
-    const struct portable_instance *record = (const struct portable_instance *)scene->top->records + row;
-    uint32_t bottom = scene->rows ? scene->rows[record->handle] : record->handle;
-    if (!(record->custom_and_mask >> 24 & walk->state.ray->cull_mask) || bottom >= scene->bottom_count)
-        return;
-    if (!scene->bottoms[bottom])
-        return;
-    const struct traverse_instance instance = {record->custom_and_mask, record->sbt_and_flags, record->instance, bottom,
-                                               row};
-    traverse_state_to_object(&walk->state, record->object_to_world);
-    walk->in_world = false;
-    walk->state.counters.instances++;
-    visit_bottom(walk, bottom, &instance);
-}
-
-static void visit_instances(struct traverse_walk *walk, uint32_t first, uint32_t count)
-{
-    for (uint32_t i = 0; i < count && !walk->state.is_done; i++)
-        traverse_walk_instance(walk, first + (walk->state.options->flip_order ? count - 1 - i : i));
+    visit_nodes(walk, kind);
 }
 
 static void visit_scene(struct traverse_walk *walk)
@@ -132,10 +85,10 @@ static void visit_scene(struct traverse_walk *walk)
     traverse_state_to_world(&walk->state);
     walk->in_world = true;
     if (!scene->top && scene->bottom_count && scene->bottoms[0]) {
-        visit_bottom(walk, 0, NULL);
-    } else if (scene->top && scene->top->header->content == PORTABLE_INSTANCES) {
+        traverse_walk_bottom(walk, 0, NULL);
+    } else if (scene->top && leaf_kind_of(scene->top)->is_top) {
         walk->view = scene->top;
-        visit_nodes(walk, visit_instances);
+        visit_nodes(walk, leaf_kind_of(scene->top));
     }
 }
 
@@ -151,7 +104,7 @@ static inline bool visit_triangles_only(struct traverse_walk *walk)
     const struct portable_header *header = scene->bottoms[0]->header;
     if (header->content > PORTABLE_TRIANGLES || header->node_count == 0)
         return false;
-    return !traverse_state_settle(&walk->state, NULL, false) ||
+    return !traverse_state_settle(&walk->state, NULL, RAY_SKIP_TRIANGLES, true) ||
            traverse_avx2_world(&walk->state, scene->bottoms[0], unpacked_of(scene, 0));
 }
 

@@ -60,14 +60,11 @@ static inline bool is_closer(const struct traverse_state *state, double t, uint6
     return rounded == best ? comes_first(state, id) : rounded < best;
 }
 
-/*
- * Returns whether `found` can become the answer: triangles within the open interval, AABBs within the closed one, then
- * the closest.
- */
+/* Returns whether `found` can become the answer: within the interval, and the closest. */
 static inline bool is_better(const struct traverse_state *state, const struct traverse_found *found)
 {
     double t = found->t, tmin = state->ray->tmin, tmax = state->ray->tmax;
-    return (found->is_aabb ? t >= tmin && t <= tmax : t > tmin && t < tmax) && is_closer(state, t, found->id);
+    return (found->is_closed ? t >= tmin && t <= tmax : t > tmin && t < tmax) && is_closer(state, t, found->id);
 }
 
 /* Moves the end of the interval to t. A hit beyond it that still counts as equal can be the answer. */
@@ -184,7 +181,8 @@ void traverse_leaf_triangle(struct traverse_state *state, uint32_t record, uint6
 void traverse_leaf_aabb(struct traverse_state *state, uint32_t record, uint64_t id, bool is_opaque, const float min[3],
                         const float max[3])
 {
-    struct traverse_found found = {.id = id, .record = record, .is_opaque = is_opaque, .is_aabb = true};
+    struct traverse_found found = {
+        .id = id, .record = record, .is_opaque = is_opaque, .is_aabb = true, .is_closed = true};
     if (boxtest_aabb(state->origin, state->direction, min, max, state->ray->tmin, state->tmax, &found.t))
         consider(state, found);
 }

@@ -23,7 +23,7 @@ LOOP_TARGET void LOOP_NAME(struct traverse_walk *walk, const LOOP_RAY *ray, trav
     struct traverse_state *state = &walk->state;
     const struct portable_view view = *walk->view; /* a copy, which stores through other pointers cannot change */
     const struct portable_node *nodes = view.nodes;
-    const size_t size = record_size(&view);
+    const size_t size = record_kind_of(view.header->content)->size;
     const bool flip = state->options->flip_order;
     unsigned top = 0;
     uint32_t child = 0;

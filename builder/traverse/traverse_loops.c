@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* traverse_loops.c - the loops over nodes: with float boxes in plain C and with AVX2, and with boxes in double. */
+#include "builder/format/record_kind.h"
 #include "builder/traverse/boxtest_kernels.h"
 #include "builder/traverse/traverse_walk.h"
 
@@ -16,13 +17,6 @@ BOXTEST_INLINE uint32_t child_in_slot(const struct portable_node *node, unsigned
     uint32_t leaf = (unary - (unary >> 1) - (unary >> 2)) << CHILD_COUNT_SHIFT | (node->first_record + (meta & 31));
     uint32_t below = node->first_child + (uint32_t)__builtin_popcount(inner & ((1u << slot) - 1));
     return inner >> slot & 1 ? below : leaf;
-}
-
-BOXTEST_INLINE size_t record_size(const struct portable_view *view)
-{
-    static const size_t sizes[] = {sizeof(struct portable_indexed_triangle), sizeof(struct portable_triangle),
-                                   sizeof(struct portable_aabb), sizeof(struct portable_instance)};
-    return sizes[view->header->content];
 }
 
 /* Prefetches a child that is pushed on the stack. */

@@ -49,11 +49,12 @@ void traverse_state_to_object(struct traverse_state *state, const float object_t
     }
 }
 
-bool traverse_state_enter(struct traverse_state *state, const struct traverse_instance *instance, bool is_aabbs)
+bool traverse_state_enter(struct traverse_state *state, const struct traverse_instance *instance, uint32_t skip_flag,
+                          bool is_triangles)
 {
-    if (!traverse_state_settle(state, instance, is_aabbs))
+    if (!traverse_state_settle(state, instance, skip_flag, is_triangles))
         return false;
-    if (!is_aabbs)
+    if (is_triangles)
         triangle_ray_init(state->origin, state->direction, &state->triangle_ray);
     return true;
 }

@@ -30,6 +30,7 @@ struct traverse_found {
     uint32_t record;
     bool is_opaque; /* its geometry is opaque */
     bool front_face, is_aabb;
+    bool is_closed; /* it counts at both ends of the ray's interval; triangles do not */
 };
 
 /* Whether primitives count as opaque. */
@@ -126,14 +127,15 @@ static inline void traverse_state_settle_plain(struct traverse_state *state)
 
 /* Does the work of traverse_state_enter() except for the triangle_ray. */
 static inline bool traverse_state_settle(struct traverse_state *state, const struct traverse_instance *instance,
-                                         bool is_aabbs)
+                                         uint32_t skip_flag, bool is_triangles)
 {
     static const struct traverse_instance no_instance = {.instance = RAY_NO_INSTANCE};
     uint32_t ray_flags = state->ray->flags, instance_flags = instance ? instance->sbt_and_flags >> 24 : 0;
-    if (ray_flags & (is_aabbs ? RAY_SKIP_AABBS : RAY_SKIP_TRIANGLES))
+    if (ray_flags & skip_flag)
         return false;
     state->instance = instance ? *instance : no_instance;
-    state->is_plain = !is_aabbs && !(ray_flags & ~(uint32_t)RAY_TERMINATE_ON_FIRST_HIT) && !state->options->candidate;
+    state->is_plain =
+        is_triangles && !(ray_flags & ~(uint32_t)RAY_TERMINATE_ON_FIRST_HIT) && !state->options->candidate;
     if (state->is_plain) {
         /* Culling and opacity are not used. */
         state->is_flipped = instance_flags & INSTANCE_FLIP_FACING;
@@ -149,9 +151,10 @@ static inline bool traverse_state_settle(struct traverse_state *state, const str
 
 /*
  * Prepares the state for the primitives of a bottom level; the ray is already in its space. `instance` is NULL if there
- * is no top level. Returns false if the ray's flags skip all primitives.
+ * is no top level. Returns false if the ray skips all primitives, because it has the flag `skip_flag`.
  */
-bool traverse_state_enter(struct traverse_state *state, const struct traverse_instance *instance, bool is_aabbs);
+bool traverse_state_enter(struct traverse_state *state, const struct traverse_instance *instance, uint32_t skip_flag,
+                          bool is_triangles);
 
 /* Returns whether the ray can hit anything in its current space. */
 bool traverse_state_is_usable(const struct traverse_state *state);

@@ -32,6 +32,9 @@ static inline void traverse_walk_begin(struct traverse_walk *walk, const struct 
     walk->scene = scene;
 }
 
+/* Traces a walk through one of the scene's bottoms, whose instance is NULL if there is no top level. */
+void traverse_walk_bottom(struct traverse_walk *walk, uint32_t bottom, const struct traverse_instance *instance);
+
 /* Traces a walk through the instance in a row of the top level's records. */
 void traverse_walk_instance(struct traverse_walk *walk, uint32_t row);
 

@@ -3,7 +3,7 @@
 
 #include <math.h>
 
-#include "builder/traverse/traverse_walk.h"
+#include "builder/traverse/leaf_kind.h"
 
 static float lesser(float a, float b)
 {
@@ -15,54 +15,34 @@ static float greater(float a, float b)
     return a > b ? a : b;
 }
 
-/* Makes a box empty: one of an empty slot, or one that is to be extended. */
-static void box_clear(float box[6], float nowhere)
+/* Returns an empty box: one of an empty slot, or one that is to be extended. */
+static struct box box_cleared(float nowhere)
 {
-    for (int axis = 0; axis < 3; axis++) {
-        box[axis] = nowhere;
-        box[3 + axis] = -nowhere;
-    }
+    return (struct box){{nowhere, nowhere, nowhere}, {-nowhere, -nowhere, -nowhere}};
 }
 
-static void box_of_all(float box[6])
+/* Returns the box around the boxes of all children of a node. */
+static struct box box_of_node(const struct unpacked_node *node)
 {
-    for (int axis = 0; axis < 3; axis++) {
-        box[axis] = -INFINITY;
-        box[3 + axis] = INFINITY;
-    }
-}
-
-/* Extends a box by the box around a point, or around another box. */
-static void box_add(float box[6], const float min[3], const float max[3])
-{
-    for (int axis = 0; axis < 3; axis++) {
-        box[axis] = lesser(min[axis], box[axis]);
-        box[3 + axis] = greater(max[axis], box[3 + axis]);
-    }
-}
-
-/* Finds the box around the boxes of all children of a node. */
-static void box_of_node(const struct unpacked_node *node, float ret_box[6])
-{
-    box_clear(ret_box, INFINITY);
+    struct box box = box_cleared(INFINITY);
     for (int axis = 0; axis < 3; axis++)
         for (int slot = 0; slot < 8; slot++) {
             const float low = node->planes[axis][slot], high = node->planes[3 + axis][slot];
             const bool is_empty = low > high; /* then the planes are not far enough away for huge coordinates */
-            ret_box[axis] = lesser(is_empty ? INFINITY : low, ret_box[axis]);
-            ret_box[3 + axis] = greater(is_empty ? -INFINITY : high, ret_box[3 + axis]);
+            box.min[axis] = lesser(is_empty ? INFINITY : low, box.min[axis]);
+            box.max[axis] = greater(is_empty ? -INFINITY : high, box.max[axis]);
         }
+    return box;
 }
 
-static void box_of_records(const struct portable_view *view, uint32_t first, uint32_t count, float ret_box[6])
+/* Returns the box around records, or the whole space if they do not tell where they are. */
+static struct box box_of_records(const struct portable_view *view, uint32_t first, uint32_t count)
 {
-    box_clear(ret_box, INFINITY);
-    for (uint32_t record = first; record < first + count; record++) {
-        const float *corners[3];
-        traverse_corners(view, record, corners);
-        for (int k = 0; k < 3; k++)
-            box_add(ret_box, corners[k], corners[k]);
-    }
+    const struct leaf_kind *kind = leaf_kind_of(view);
+    struct box box = box_cleared(kind->grow ? INFINITY : -INFINITY);
+    if (kind->grow)
+        kind->grow(view, first, count, &box);
+    return box;
 }
 
 /*
@@ -82,27 +62,29 @@ static float scale_of(uint8_t exponent)
 static void fill_child(const struct portable_view *view, const struct portable_node *from, unsigned slot,
                        uint32_t inner, const struct unpacked_node *nodes, struct unpacked_node *to)
 {
-    float box[6];
+    struct box box;
     if (from->meta[slot] == 0) {
         to->children[slot] = 0;
-        box_clear(box, unpacked_nowhere);
+        box = box_cleared(unpacked_nowhere);
     } else if (from->inner_mask >> slot & 1) {
         to->children[slot] = inner | (uint32_t)CHILD_NODE << CHILD_KIND_SHIFT;
-        box_of_node(&nodes[inner], box);
+        box = box_of_node(&nodes[inner]);
     } else {
         const uint32_t count = (uint32_t)__builtin_popcount(from->meta[slot] >> 5),
                        first = from->first_record + (from->meta[slot] & 31);
         to->children[slot] = (count - 1) << CHILD_KIND_SHIFT | first;
-        if (view->header->content <= PORTABLE_TRIANGLES)
-            box_of_records(view, first, count, box);
-        else
-            box_of_all(box);
+        box = box_of_records(view, first, count);
     }
     for (int axis = 0; axis < 3; axis++) {
         float scale = scale_of(from->exponent[axis]), origin = from->origin[axis];
-        to->planes[axis][slot] = greater(box[axis], plane(origin, from->lo[axis][slot], scale, -INFINITY));
-        to->planes[3 + axis][slot] = lesser(box[3 + axis], plane(origin, from->hi[axis][slot], scale, INFINITY));
+        to->planes[axis][slot] = greater(box.min[axis], plane(origin, from->lo[axis][slot], scale, -INFINITY));
+        to->planes[3 + axis][slot] = lesser(box.max[axis], plane(origin, from->hi[axis][slot], scale, INFINITY));
     }
+}
+
+bool unpacked_takes(uint32_t content)
+{
+    return leaf_kinds[content]->can_unpack;
 }
 
 void unpacked_fill(const struct portable_view *view, struct unpacked_node *ret_nodes)

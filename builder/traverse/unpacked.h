@@ -35,8 +35,11 @@ _Static_assert(sizeof(struct unpacked_node) == 224, "a node has no gaps");
 /* A coordinate beyond all that the float box tests accept, which is still far from overflow when it is divided. */
 static const float unpacked_nowhere = 0x1p61f;
 
+/* Returns whether structures with that content, an enum portable_content, can be unpacked. */
+bool unpacked_takes(uint32_t content);
+
 /*
- * Unpacks all nodes of a structure of triangles or of instances: header->node_count of them, in time in proportion to
+ * Unpacks all nodes of a structure for which that is true: header->node_count of them, in time in proportion to
  * its size.
  */
 void unpacked_fill(const struct portable_view *view, struct unpacked_node *ret_nodes);

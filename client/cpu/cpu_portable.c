@@ -20,11 +20,11 @@ static enum bvhd_status store_corners(struct cpu_structure *structure, struct bv
     return BVHD_OK;
 }
 
-/* Unpacks the nodes of triangles and of instances where the traversal uses them. */
+/* Unpacks the nodes where the traversal uses them. */
 static enum bvhd_status unpack(struct cpu_structure *structure, struct bvhd_error *error)
 {
     const struct portable_header *header = structure->view.portable.header;
-    if (header->content == PORTABLE_AABBS || header->node_count == 0 || !boxtest_has_avx2())
+    if (!unpacked_takes(header->content) || header->node_count == 0 || !boxtest_has_avx2())
         return BVHD_OK;
     structure->unpacked = memory_array(&library_memory, header->node_count, sizeof *structure->unpacked);
     if (!structure->unpacked)

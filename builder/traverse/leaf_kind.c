@@ -1,0 +1,9 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "builder/traverse/leaf_kind.h"
+
+const struct leaf_kind *const leaf_kinds[PORTABLE_CONTENTS] = {
+    [PORTABLE_INDEXED_TRIANGLES] = &leaf_triangles,
+    [PORTABLE_TRIANGLES] = &leaf_triangles,
+    [PORTABLE_AABBS] = &leaf_aabbs,
+    [PORTABLE_INSTANCES] = &leaf_instances,
+};

@@ -1,0 +1,37 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * leaf_kind.h - what a ray does at the leaves of a portable structure: one row for each content, in a file for each
+ * kind of record, such as leaf_triangles.c. Internal.
+ */
+#ifndef BVHD_LEAF_KIND_H
+#define BVHD_LEAF_KIND_H
+
+#include "builder/traverse/traverse_walk.h"
+
+/* The leaves of the structures with one content. */
+struct leaf_kind {
+    uint32_t skip_flag; /* the RAY_SKIP_ flag of rays that skip the primitives; 0: these are instances */
+    bool is_top; /* they hold instances, so that the structure is a top level */
+    bool is_triangles; /* they hold triangles, which rays meet with a triangle_ray, and whose facing counts */
+    bool can_unpack; /* unpacked_fill() takes such structures */
+    traverse_leaf visit;
+
+    /* A faster walk for machines with AVX2, which returns false if the general one is needed. NULL: there is none. */
+    bool (*walk_avx2)(struct traverse_state *state, const struct portable_view *view,
+                      const struct unpacked_node *unpacked);
+    /* Grows a box by the records. NULL: they do not tell their boxes, so that those in nodes are the tightest. */
+    void (*grow)(const struct portable_view *view, uint32_t first, uint32_t count, struct box *box);
+};
+
+extern const struct leaf_kind leaf_triangles, leaf_aabbs, leaf_instances;
+
+/* The rows by enum portable_content. */
+extern const struct leaf_kind *const leaf_kinds[PORTABLE_CONTENTS];
+
+/* Returns the row of an opened structure. */
+static inline const struct leaf_kind *leaf_kind_of(const struct portable_view *view)
+{
+    return leaf_kinds[view->header->content];
+}
+
+#endif
