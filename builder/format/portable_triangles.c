@@ -131,6 +131,14 @@ void portable_records_mark_range(const struct canonical *canonical, uint32_t fir
     }
 }
 
+/* No more vertices can be in use than there are corners, or numbers. */
+static uint64_t vertices_most(const struct geometry *geometry)
+{
+    const uint64_t corners = (uint64_t)3 * geometry->range.primitive_count,
+                   numbers = (uint64_t)geometry->triangles.max_vertex + 1;
+    return geometry->triangles.index_type == INDEX_NONE || corners < numbers ? corners : numbers;
+}
+
 static uint32_t find_unsound_indexed(const struct portable_view *view)
 {
     const struct portable_header *header = view->header;
@@ -161,6 +169,7 @@ const struct record_kind record_indexed_triangles = {
     .vertex_size = 3 * sizeof(float),
     .first_leaf = PORTABLE_LEAF_MAX,
     .cost = 0.3f,
+    .vertices_most = vertices_most,
     .write = write_indexed_triangles,
     .prefetch = prefetch,
     .find_unsound = find_unsound_indexed,

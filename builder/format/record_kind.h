@@ -27,6 +27,11 @@ struct record_kind {
     uint32_t first_leaf;
     float cost; /* of testing a ray against one, in visits of a wide node */
 
+    /*
+     * Returns the most vertices that a geometry can have in a structure. Its memory is not looked at, and counts are
+     * maxima. NULL: there are no vertices.
+     */
+    uint64_t (*vertices_most)(const struct geometry *geometry);
     /* Writes `count` records, one for each ref, which is a flat primitive id. */
     void (*write)(const struct portable_records *writer, const uint32_t *refs, uint32_t count, unsigned char *record);
     /* Prefetches the data of refs that will be written soon. NULL: their place in memory is known too late. */

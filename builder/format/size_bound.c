@@ -4,6 +4,7 @@
 #include <stdbool.h>
 
 #include "builder/format/layout.h"
+#include "builder/format/record_kind.h"
 
 /*
  * Spatial splits add at most two refs to five (spatial_capacity). Below ONE_PIECE refs quality fast makes one piece,
@@ -39,12 +40,12 @@ static bool may_be(const struct build_input *input, enum build_quality quality)
     return named == quality || named == QUALITY_UNSPECIFIED || named == QUALITY_AUTO;
 }
 
-/* Returns how many vertices can be in use: no more than there are corners, or numbers. */
-static uint64_t vertices_of(const struct geometry *geometry)
+/* Returns how many vertices a geometry can have in the structure. */
+static uint64_t vertices_of(const struct build_input *input, const struct geometry *geometry)
 {
-    uint64_t corners = (uint64_t)3 * geometry->range.primitive_count,
-             numbers = (uint64_t)geometry->triangles.max_vertex + 1;
-    return geometry->triangles.index_type == INDEX_NONE || corners < numbers ? corners : numbers;
+    const struct record_kind *kind =
+        record_kind_of(record_content_for(input->type, geometry->type, input->options.layout_flags));
+    return kind->vertices_most ? kind->vertices_most(geometry) : 0;
 }
 
 static struct layout_counts count(const struct build_input *input)
@@ -56,7 +57,7 @@ static struct layout_counts count(const struct build_input *input)
         const struct geometry *geometry = &input->geometries[i];
         counts.geometry_type = geometry->type;
         counts.primitives += geometry->range.primitive_count;
-        counts.vertices += geometry->type == GEOMETRY_TRIANGLES ? vertices_of(geometry) : 0;
+        counts.vertices += vertices_of(input, geometry);
     }
     return counts;
 }
