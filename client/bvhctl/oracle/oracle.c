@@ -2,7 +2,7 @@
 /*
  * The oracle works in two passes. For each ray and each block of triangles, the first one (oracle_filter.h) drops
  * nearly all triangles by the distance between the ray's line and their bounding spheres. The second one
- * (oracle_triangle.h) tests the others, and oracle_pursuit.h collects the hits of a ray. Chunks of rays are
+ * (oracle_kind.h) tests the others, and oracle_pursuit.h collects the hits of a ray. Chunks of rays are
  * independent: each goes through all triangles.
  */
 #include "client/bvhctl/oracle/oracle.h"
@@ -11,6 +11,7 @@
 #include <stdatomic.h>
 
 #include "client/bvhctl/oracle/oracle_filter.h"
+#include "client/bvhctl/oracle/oracle_kind.h"
 #include "client/bvhctl/oracle/oracle_pursuit.h"
 #include "proto/base/status.h"
 
@@ -32,88 +33,44 @@ struct trace {
     struct oracle_answer *answers;
 };
 
-/* ---- triangles, in blocks over all meshes ---- */
+/* ---- primitives, in blocks over all meshes ---- */
 
-struct triangle_block {
+/* All meshes are of it. */
+static const struct oracle_kind *const kind = &oracle_triangles;
+
+struct primitive_block {
     struct oracle_filter_block filter;
-    struct oracle_triangle triangles[ORACLE_FILTER_BLOCK];
+    union oracle_subject subjects[ORACLE_FILTER_BLOCK];
     struct oracle_triangle_id ids[ORACLE_FILTER_BLOCK];
 };
 
-struct triangle_cursor {
-    uint32_t mesh, triangle;
+struct primitive_cursor {
+    uint32_t mesh, primitive;
 };
 
-static bool corners_equal(const float a[3], const float b[3])
+static void block_add(struct primitive_block *block, const struct oracle_mesh *mesh, uint32_t primitive)
 {
-    return a[0] == b[0] && a[1] == b[1] && a[2] == b[2];
-}
-
-/* Returns false for a triangle that no ray can hit. */
-static bool fetch_corners(const struct oracle_mesh *mesh, uint32_t triangle, const float *ret_corners[3])
-{
-    for (int k = 0; k < 3; k++) {
-        uint64_t at = (uint64_t)3 * triangle + k;
-        const float *corner = mesh->positions + (uint64_t)3 * (mesh->indices ? mesh->indices[at] : at);
-        if (!isfinite(corner[0]) || !isfinite(corner[1]) || !isfinite(corner[2]))
-            return false;
-        ret_corners[k] = corner;
-    }
-    return !corners_equal(ret_corners[0], ret_corners[1]) && !corners_equal(ret_corners[1], ret_corners[2]) &&
-           !corners_equal(ret_corners[2], ret_corners[0]);
-}
-
-static void transform_corner(const float *matrix, const float corner[3], struct radial ret_world[3])
-{
-    for (int row = 0; row < 3; row++) {
-        if (!matrix) {
-            ret_world[row] = radial_input(corner[row]);
-            continue;
-        }
-        struct radial sum = radial_input(matrix[4 * row + 3]);
-        for (int column = 0; column < 3; column++)
-            sum = radial_add(sum, radial_mul(radial_input(matrix[4 * row + column]), radial_input(corner[column])));
-        ret_world[row] = sum;
-    }
-}
-
-static bool is_mirroring(const float *m)
-{
-    if (!m)
-        return false;
-    double x = (double)m[5] * m[10] - (double)m[6] * m[9];
-    double y = (double)m[6] * m[8] - (double)m[4] * m[10];
-    double z = (double)m[4] * m[9] - (double)m[5] * m[8];
-    return m[0] * x + m[1] * y + m[2] * z < 0;
-}
-
-static void block_add(struct triangle_block *block, const struct oracle_mesh *mesh, bool mirrored, uint32_t primitive)
-{
-    const float *corners[3];
-    if (!fetch_corners(mesh, primitive, corners))
-        return;
     uint32_t at = block->filter.count;
-    struct oracle_triangle *triangle = &block->triangles[at];
-    triangle->mirrored = mirrored;
-    for (int k = 0; k < 3; k++)
-        transform_corner(mesh->transform, corners[k], triangle->corners[k]);
+    double centre[3], radius;
+    if (!kind->fetch(mesh, primitive, &block->subjects[at]))
+        return;
+    kind->sphere(&block->subjects[at], centre, &radius);
     block->ids[at] = (struct oracle_triangle_id){mesh->instance, mesh->geometry, primitive, 1, 0};
-    oracle_filter_add(&block->filter, triangle->corners);
+    oracle_filter_add(&block->filter, centre, radius);
 }
 
-/* Fills the block with the next triangles that can be hit. Returns how many triangles were read; 0 at the end. */
-static uint64_t block_fill(const struct trace *trace, struct triangle_cursor *cursor, double wobble,
-                           struct triangle_block *ret_block)
+/* Fills the block with the next primitives that can be hit. Returns how many primitives were read; 0 at the end. */
+static uint64_t block_fill(const struct trace *trace, struct primitive_cursor *cursor, double wobble,
+                           struct primitive_block *ret_block)
 {
     uint64_t seen = 0;
     oracle_filter_begin(&ret_block->filter, wobble);
-    for (; cursor->mesh < trace->mesh_count; cursor->mesh++, cursor->triangle = 0) {
+    for (; cursor->mesh < trace->mesh_count; cursor->mesh++, cursor->primitive = 0) {
         const struct oracle_mesh *mesh = &trace->meshes[cursor->mesh];
-        bool mirrored = is_mirroring(mesh->transform);
-        for (; cursor->triangle < mesh->triangle_count; cursor->triangle++, seen++) {
+        for (; cursor->primitive < mesh->triangle_count; cursor->primitive++, seen++) {
             if (ret_block->filter.count == ORACLE_FILTER_BLOCK)
                 return seen;
-            block_add(ret_block, mesh, mirrored, cursor->triangle);
+            block_add(ret_block, mesh, cursor->primitive);
         }
     }
     return seen;
@@ -126,7 +83,7 @@ struct ray_chunk {
     double wobble; /* the largest of all its rays (oracle_filter.h) */
     struct oracle_pursuit *pursuits;
     struct oracle_filter_ray *filters;
-    struct triangle_block *block;
+    struct primitive_block *block;
 };
 
 static bool chunk_init(struct ray_chunk *chunk, const struct ray *rays, uint32_t count, struct memory *memory)
@@ -153,9 +110,19 @@ static void chunk_finish(struct ray_chunk *chunk, struct memory *memory)
     memory_free(memory, chunk->block);
 }
 
+/* Tests the ray against one primitive of the block. Returns false when there is no memory. */
+static bool meet(struct oracle_pursuit *pursuit, const struct primitive_block *block, uint32_t at,
+                 struct memory *memory)
+{
+    struct oracle_contender next = {.id = block->ids[at]};
+    struct oracle_outline outline;
+    enum oracle_presence presence = kind->meet(&pursuit->ray, &block->subjects[at], &next.crossing, &outline);
+    return presence == ORACLE_ABSENT || oracle_pursuit_note(pursuit, presence, &next, &outline, memory);
+}
+
 static bool chunk_meet_block(struct ray_chunk *chunk, struct memory *memory)
 {
-    struct triangle_block *block = chunk->block;
+    struct primitive_block *block = chunk->block;
     uint16_t near[ORACLE_FILTER_BLOCK];
     for (uint32_t i = 0; i < chunk->count; i++) {
         struct oracle_pursuit *pursuit = &chunk->pursuits[i];
@@ -165,7 +132,7 @@ static bool chunk_meet_block(struct ray_chunk *chunk, struct memory *memory)
             continue;
         uint32_t near_count = oracle_filter_scan(&block->filter, &chunk->filters[i], near);
         for (uint32_t k = 0; k < near_count; k++)
-            if (!oracle_pursuit_meet(pursuit, &block->triangles[near[k]], &block->ids[near[k]], memory))
+            if (!meet(pursuit, block, near[k], memory))
                 return false;
     }
     return true;
@@ -180,7 +147,7 @@ static void report(struct trace *trace, uint64_t pairs)
 
 static bool chunk_walk(struct ray_chunk *chunk, struct trace *trace)
 {
-    struct triangle_cursor cursor = {0};
+    struct primitive_cursor cursor = {0};
     uint64_t seen, pairs = 0;
     uint32_t blocks = 0;
     while ((seen = block_fill(trace, &cursor, chunk->wobble, chunk->block))) {
@@ -226,7 +193,7 @@ enum bvhd_status oracle_trace(const struct oracle_mesh *meshes, uint32_t mesh_co
     for (uint32_t i = 0; i < mesh_count; i++)
         trace.total += (uint64_t)meshes[i].triangle_count * ray_count;
     for (uint32_t i = 0; i < ray_count; i++)
-        ret_answers[i] = (struct oracle_answer){.kind = ORACLE_MISS};
+        ret_answers[i] = (struct oracle_answer){.outcome = ORACLE_MISS};
     parallel_for(parallel, parallel_chunks(trace.chunk, ray_count), trace_chunk, &trace);
     if (!atomic_load(&trace.failed))
         return BVHD_OK;
@@ -238,7 +205,7 @@ void oracle_finish(struct oracle_answer *answers, uint32_t ray_count, struct mem
 {
     for (uint32_t i = 0; answers && i < ray_count; i++) {
         memory_free(memory, answers[i].tied);
-        answers[i] = (struct oracle_answer){.kind = ORACLE_MISS};
+        answers[i] = (struct oracle_answer){.outcome = ORACLE_MISS};
     }
 }
 
@@ -266,9 +233,9 @@ enum oracle_verdict oracle_judge(const struct oracle_answer *answer, const struc
 {
     if (ret_t_rel_err)
         *ret_t_rel_err = 0;
-    if (answer->kind == ORACLE_UNCERTAIN)
+    if (answer->outcome == ORACLE_UNCERTAIN)
         return ORACLE_UNDECIDED;
-    if (answer->kind == ORACLE_MISS)
+    if (answer->outcome == ORACLE_MISS)
         return hit ? ORACLE_WRONG_HIT : ORACLE_RIGHT;
     if (!hit)
         return ORACLE_WRONG_MISS;

@@ -25,7 +25,7 @@ struct oracle_mesh {
     uint32_t instance, geometry; /* as traversal reports them */
 };
 
-enum oracle_kind { ORACLE_MISS, ORACLE_HIT, ORACLE_UNCERTAIN };
+enum oracle_outcome { ORACLE_MISS, ORACLE_HIT, ORACLE_UNCERTAIN };
 
 /* Primitives `primitive` .. `primitive + count - 1`: a run of identical triangles is listed as one. */
 struct oracle_triangle_id {
@@ -35,7 +35,7 @@ struct oracle_triangle_id {
 };
 
 struct oracle_answer {
-    enum oracle_kind kind;
+    enum oracle_outcome outcome;
     double t; /* of the closest sure hit */
     double t_low, t_high; /* the interval of that t while inputs move by one ulp */
     double t_end; /* ORACLE_HIT: the largest t of all tied triangles */

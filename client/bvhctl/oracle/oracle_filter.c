@@ -4,6 +4,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "client/bvhctl/oracle/oracle_radial.h"
+
 #define ROUNDING 1e-14 /* relative; more than the few operations between the inputs and each comparison can add */
 
 static double dot(const double a[3], const double b[3])
@@ -67,20 +69,10 @@ void oracle_filter_begin(struct oracle_filter_block *block, double wobble)
     block->wobble = wobble;
 }
 
-void oracle_filter_add(struct oracle_filter_block *block, struct radial corners[3][3])
+void oracle_filter_add(struct oracle_filter_block *block, const double centre[3], double radius)
 {
-    double centre[3], radius = 0;
-    for (int axis = 0; axis < 3; axis++) {
-        double a = corners[0][axis].centre, b = corners[1][axis].centre, c = corners[2][axis].centre;
-        centre[axis] = 0.5 * fmin(a, fmin(b, c)) + 0.5 * fmax(a, fmax(b, c));
+    for (int axis = 0; axis < 3; axis++)
         block->centre[axis][block->count] = centre[axis];
-    }
-    for (int k = 0; k < 3; k++) {
-        double away[3];
-        for (int axis = 0; axis < 3; axis++)
-            away[axis] = fabs(corners[k][axis].centre - centre[axis]) + corners[k][axis].radius;
-        radius = fmax(radius, length(away));
-    }
     block->reach[block->count++] = (radius + (block->wobble + ROUNDING) * length(centre)) * (1 + 100 * ROUNDING);
 }
 

@@ -1,15 +1,17 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * oracle_filter.h - the fast first pass of the oracle: finds the triangles of a block that a ray may meet.
+ * oracle_filter.h - the fast first pass of the oracle: finds the primitives of a block that a ray may meet.
  *
- * A pair of a ray and a triangle is dropped when the distance between the ray's line and the centre of the triangle's
+ * A pair of a ray and a primitive is dropped when the distance between the ray's line and the centre of the primitive's
  * bounding sphere exceeds the sphere's radius plus all that one-ulp moves of the inputs and rounding could add. A pair
- * is only dropped if oracle_triangle.h would call the triangle absent.
+ * is only dropped if the primitive's kind (oracle_kind.h) would call it absent.
  */
 #ifndef BVHD_ORACLE_FILTER_H
 #define BVHD_ORACLE_FILTER_H
 
-#include "client/bvhctl/oracle/oracle_triangle.h"
+#include <stdint.h>
+
+#include "builder/traverse/ray.h"
 
 enum { ORACLE_FILTER_BLOCK = 256 }; /* 8 KiB of spheres, which stay in the first-level cache for all rays */
 
@@ -37,11 +39,11 @@ double oracle_filter_ray_init(struct oracle_filter_ray *ret_filter, const struct
 
 /* Empties the block. `wobble` is the largest angle that oracle_filter_ray_init has returned for the rays to come. */
 void oracle_filter_begin(struct oracle_filter_block *block, double wobble);
-/* Adds a triangle, given by its corners in world space, to a block that is not full. */
-void oracle_filter_add(struct oracle_filter_block *block, struct radial corners[3][3]);
+/* Adds a primitive, given by a sphere round it and its moves, to a block that is not full. */
+void oracle_filter_add(struct oracle_filter_block *block, const double centre[3], double radius);
 
 /*
- * Writes the indices of the triangles that the ray may meet to ret_near, ascending, and returns their number. The
+ * Writes the indices of the primitives that the ray may meet to ret_near, ascending, and returns their number. The
  * result is the same on every instruction set.
  */
 uint32_t oracle_filter_scan(const struct oracle_filter_block *block, const struct oracle_filter_ray *ray,

@@ -12,12 +12,12 @@ static bool corners_equal(const double a[3], const double b[3])
  */
 static int compare_edges(const struct oracle_patch_triangle *a, int k, const struct oracle_patch_triangle *b, int m)
 {
-    const double *from = a->corners[(k + 1) % 3], *to = a->corners[(k + 2) % 3];
+    const double *from = a->outline.corners[(k + 1) % 3], *to = a->outline.corners[(k + 2) % 3];
     if (a->instance != b->instance)
         return 0;
-    if (corners_equal(from, b->corners[(m + 1) % 3]) && corners_equal(to, b->corners[(m + 2) % 3]))
+    if (corners_equal(from, b->outline.corners[(m + 1) % 3]) && corners_equal(to, b->outline.corners[(m + 2) % 3]))
         return 1;
-    if (corners_equal(from, b->corners[(m + 2) % 3]) && corners_equal(to, b->corners[(m + 1) % 3]))
+    if (corners_equal(from, b->outline.corners[(m + 2) % 3]) && corners_equal(to, b->outline.corners[(m + 1) % 3]))
         return -1;
     return 0;
 }
@@ -98,8 +98,7 @@ static int winding_number(const struct patch *patch)
                 continue;
             if (!outline->sure[k])
                 return 0;
-            winding +=
-                orientation(patch, i) * crossing_of(outline->corners[(k + 1) % 3], outline->corners[(k + 2) % 3]);
+            winding += orientation(patch, i) * crossing_of(outline->seen[(k + 1) % 3], outline->seen[(k + 2) % 3]);
         }
     }
     return winding;

@@ -12,13 +12,12 @@
 #ifndef BVHD_ORACLE_PATCH_H
 #define BVHD_ORACLE_PATCH_H
 
-#include "client/bvhctl/oracle/oracle_triangle.h"
+#include "client/bvhctl/oracle/oracle_kind.h"
 
 enum { ORACLE_PATCH_MAX = 64 };
 
-/* A triangle whose outline is `open` (oracle_triangle.h). */
+/* A triangle whose outline is `open` (oracle_kind.h). */
 struct oracle_patch_triangle {
-    double corners[3][3]; /* in world space; equal ones are the same corner */
     /* Patches do not reach beyond one instance, because only within it equal corners are rounded alike. */
     uint32_t instance;
     struct oracle_outline outline;

@@ -81,8 +81,7 @@ static bool add_contender(struct oracle_pursuit *pursuit, const struct oracle_co
 }
 
 static bool add_doubt(struct oracle_pursuit *pursuit, const struct oracle_contender *next,
-                      const struct oracle_triangle *triangle, const struct oracle_outline *outline,
-                      struct memory *memory)
+                      const struct oracle_outline *outline, struct memory *memory)
 {
     struct oracle_doubts *doubts = pursuit->doubts;
     if (!doubts) {
@@ -98,28 +97,23 @@ static bool add_doubt(struct oracle_pursuit *pursuit, const struct oracle_conten
         pursuit->doubt_low = fmin(pursuit->doubt_low, next->crossing.low);
         return true;
     }
-    struct oracle_patch_triangle *open = &doubts->triangles[doubts->count];
-    for (int k = 0; k < 9; k++)
-        open->corners[k / 3][k % 3] = triangle->corners[k / 3][k % 3].centre;
-    open->instance = next->id.instance;
-    open->outline = *outline;
+    doubts->triangles[doubts->count].instance = next->id.instance;
+    doubts->triangles[doubts->count].outline = *outline;
     doubts->contenders[doubts->count++] = *next;
     return true;
 }
 
-bool oracle_pursuit_meet(struct oracle_pursuit *pursuit, const struct oracle_triangle *triangle,
-                         const struct oracle_triangle_id *id, struct memory *memory)
+bool oracle_pursuit_note(struct oracle_pursuit *pursuit, enum oracle_presence presence,
+                         const struct oracle_contender *next, const struct oracle_outline *outline,
+                         struct memory *memory)
 {
-    struct oracle_contender next = {.id = *id};
-    struct oracle_outline outline;
-    enum oracle_presence presence = oracle_triangle_meet(&pursuit->ray, triangle, &next.crossing, &outline);
-    if (presence == ORACLE_ABSENT || next.crossing.low > pursuit->best_high)
+    if (next->crossing.low > pursuit->best_high)
         return true;
     if (presence == ORACLE_SURE)
-        return add_contender(pursuit, &next, memory);
-    if (outline.open)
-        return add_doubt(pursuit, &next, triangle, &outline, memory);
-    pursuit->doubt_low = fmin(pursuit->doubt_low, next.crossing.low);
+        return add_contender(pursuit, next, memory);
+    if (outline->open)
+        return add_doubt(pursuit, next, outline, memory);
+    pursuit->doubt_low = fmin(pursuit->doubt_low, next->crossing.low);
     return true;
 }
 
@@ -189,10 +183,10 @@ bool oracle_pursuit_answer(struct oracle_pursuit *pursuit, struct memory *memory
     if (!settle_doubts(pursuit, memory))
         return false;
     drop_beaten(pursuit);
-    struct oracle_answer answer = {.kind = pursuit->doubt_low <= pursuit->best_high && pursuit->doubt_low < INFINITY
-                                               ? ORACLE_UNCERTAIN
-                                           : pursuit->count ? ORACLE_HIT
-                                                            : ORACLE_MISS};
+    struct oracle_answer answer = {.outcome = pursuit->doubt_low <= pursuit->best_high && pursuit->doubt_low < INFINITY
+                                                  ? ORACLE_UNCERTAIN
+                                              : pursuit->count ? ORACLE_HIT
+                                                               : ORACLE_MISS};
     if (pursuit->count) {
         qsort(pursuit->contenders, pursuit->count, sizeof *pursuit->contenders, compare_contenders);
         const struct oracle_crossing *first = &pursuit->contenders->crossing;
@@ -200,7 +194,7 @@ bool oracle_pursuit_answer(struct oracle_pursuit *pursuit, struct memory *memory
         answer.t_low = first->low - first->shift;
         answer.t_high = answer.t_end = first->high + first->shift;
     }
-    if (answer.kind == ORACLE_HIT) {
+    if (answer.outcome == ORACLE_HIT) {
         answer.tied = memory_array(memory, pursuit->count, sizeof *answer.tied);
         if (!answer.tied)
             return false;

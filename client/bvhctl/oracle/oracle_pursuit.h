@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * oracle_pursuit.h - collects the triangles that one ray meets, and derives the oracle's answer from them.
+ * oracle_pursuit.h - collects the primitives that one ray meets, and derives the oracle's answer from them.
  *
  * It keeps the sure hits that may still be the closest, and the possible hits whose doubt is about their edges alone,
  * because oracle_patch.h may remove that doubt with the help of their neighbours.
@@ -36,11 +36,15 @@ struct oracle_pursuit {
 void oracle_pursuit_init(struct oracle_pursuit *ret_pursuit, const struct ray *ray);
 void oracle_pursuit_finish(struct oracle_pursuit *pursuit, struct memory *memory);
 
-/* Tests the ray against one triangle and takes note of a hit. Returns false when there is no memory. */
-bool oracle_pursuit_meet(struct oracle_pursuit *pursuit, const struct oracle_triangle *triangle,
-                         const struct oracle_triangle_id *id, struct memory *memory);
+/*
+ * Takes note of a hit that is not ABSENT. `outline` is read for a POSSIBLE one only. Returns false when there is no
+ * memory.
+ */
+bool oracle_pursuit_note(struct oracle_pursuit *pursuit, enum oracle_presence presence,
+                         const struct oracle_contender *next, const struct oracle_outline *outline,
+                         struct memory *memory);
 
-/* Gives the answer after the last triangle. Returns false when there is no memory for the tied triangles. */
+/* Gives the answer after the last primitive. Returns false when there is no memory for the tied ones. */
 bool oracle_pursuit_answer(struct oracle_pursuit *pursuit, struct memory *memory, struct oracle_answer *ret_answer);
 
 #endif

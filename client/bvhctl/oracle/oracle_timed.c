@@ -54,7 +54,7 @@ enum bvhd_status oracle_trace_timed(const struct oracle_work *work, const struct
     double left = fmin(seconds, isinf(seconds) ? seconds : first_seconds);
     uint32_t done = 0;
     for (uint32_t i = 0; i < ray_count; i++)
-        ret_answers[i] = (struct oracle_answer){.kind = ORACLE_MISS};
+        ret_answers[i] = (struct oracle_answer){.outcome = ORACLE_MISS};
     while (done < ray_count && (left > 0 || done == 0)) {
         uint32_t count = portion_size(work, ray_count - done, rate, left);
         portion.before = oracle_work_tests(work, done);

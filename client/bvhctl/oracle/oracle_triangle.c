@@ -1,12 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "client/bvhctl/oracle/oracle_triangle.h"
+#include "client/bvhctl/oracle/oracle.h"
+#include "client/bvhctl/oracle/oracle_kind.h"
 
 #include <math.h>
-#include <string.h>
-
-/* Relative errors: of a few roundings of a double, and of the computation of the radii themselves. */
-#define ROUNDING (2 * DBL_EPSILON)
-#define WIDEN (1 + 8 * DBL_EPSILON)
 
 /*
  * Half of what two distances differ by at most, relative to them, if they are rounded to the same number of 32
@@ -14,94 +10,75 @@
  */
 #define EQUAL_WITHIN 0x1p-32
 
-struct radial radial_input(float value)
+static bool corners_equal(const float a[3], const float b[3])
 {
-    float power = fabsf(value);
-    uint32_t bits;
-    memcpy(&bits, &power, sizeof bits);
-    bits &= 0x7f800000; /* only the exponent is left: the power of two at or below the value */
-    memcpy(&power, &bits, sizeof bits);
-    return (struct radial){value, bits ? power * (double)FLT_EPSILON : FLT_TRUE_MIN};
+    return a[0] == b[0] && a[1] == b[1] && a[2] == b[2];
 }
 
-static struct radial rounded(double centre, double radius, double magnitude)
+/* Returns false for a triangle that no ray can hit. */
+static bool fetch_corners(const struct oracle_mesh *mesh, uint32_t triangle, const float *ret_corners[3])
 {
-    return (struct radial){centre, (radius + ROUNDING * magnitude) * WIDEN};
-}
-
-struct radial radial_add(struct radial a, struct radial b)
-{
-    double sum = a.centre + b.centre;
-    return rounded(sum, a.radius + b.radius, fabs(sum));
-}
-
-struct radial radial_sub(struct radial a, struct radial b)
-{
-    double difference = a.centre - b.centre;
-    return rounded(difference, a.radius + b.radius, fabs(difference));
-}
-
-struct radial radial_mul(struct radial a, struct radial b)
-{
-    double product = a.centre * b.centre;
-    double radius = fabs(a.centre) * b.radius + fabs(b.centre) * a.radius + a.radius * b.radius;
-    return rounded(product, radius, fabs(product));
-}
-
-/* The interval b must not contain 0. */
-static struct radial radial_div(struct radial a, struct radial b)
-{
-    double quotient = a.centre / b.centre;
-    double radius = (a.radius + fabs(quotient) * b.radius) / (fabs(b.centre) - b.radius);
-    return rounded(quotient, radius, fabs(quotient));
-}
-
-static bool surely_positive(struct radial a)
-{
-    return a.centre > a.radius;
-}
-
-static bool surely_negative(struct radial a)
-{
-    return a.centre < -a.radius;
-}
-
-static bool surely_nonzero(struct radial a)
-{
-    return fabs(a.centre) > a.radius;
-}
-
-enum oracle_ray_kind oracle_ray_init(struct oracle_ray *ret_prepared, const struct ray *ray)
-{
-    int z = 0;
-    for (int axis = 0; axis < 3; axis++) {
-        if (!isfinite(ray->origin[axis]) || !isfinite(ray->direction[axis]))
-            return ORACLE_RAY_EMPTY;
-        z = fabsf(ray->direction[axis]) > fabsf(ray->direction[z]) ? axis : z;
+    for (int k = 0; k < 3; k++) {
+        uint64_t at = (uint64_t)3 * triangle + k;
+        const float *corner = mesh->positions + (uint64_t)3 * (mesh->indices ? mesh->indices[at] : at);
+        if (!isfinite(corner[0]) || !isfinite(corner[1]) || !isfinite(corner[2]))
+            return false;
+        ret_corners[k] = corner;
     }
-    /* The comparison is false, and the ray empty, also if tmin or tmax is NaN. */
-    if (ray->direction[z] == 0 || !(ray->tmin < ray->tmax))
-        return ORACLE_RAY_EMPTY;
-    struct radial along = radial_input(ray->direction[z]);
-    if (!surely_nonzero(along))
-        return ORACLE_RAY_VAGUE;
-
-    struct oracle_ray prepared = {.x = (z + 1) % 3, .y = (z + 2) % 3, .z = z, .direction_z = along};
-    prepared.origin[0] = radial_input(ray->origin[prepared.x]);
-    prepared.origin[1] = radial_input(ray->origin[prepared.y]);
-    prepared.origin[2] = radial_input(ray->origin[z]);
-    prepared.shear[0] = radial_div(radial_input(ray->direction[prepared.x]), along);
-    prepared.shear[1] = radial_div(radial_input(ray->direction[prepared.y]), along);
-    prepared.tmin = ray->tmin;
-    prepared.tmax = ray->tmax;
-    prepared.flags = ray->flags;
-    *ret_prepared = prepared;
-    return ORACLE_RAY_GOOD;
+    return !corners_equal(ret_corners[0], ret_corners[1]) && !corners_equal(ret_corners[1], ret_corners[2]) &&
+           !corners_equal(ret_corners[2], ret_corners[0]);
 }
 
-static struct radial exact(double value)
+static void transform_corner(const float *matrix, const float corner[3], struct radial ret_world[3])
 {
-    return (struct radial){value, 0};
+    for (int row = 0; row < 3; row++) {
+        if (!matrix) {
+            ret_world[row] = radial_input(corner[row]);
+            continue;
+        }
+        struct radial sum = radial_input(matrix[4 * row + 3]);
+        for (int column = 0; column < 3; column++)
+            sum = radial_add(sum, radial_mul(radial_input(matrix[4 * row + column]), radial_input(corner[column])));
+        ret_world[row] = sum;
+    }
+}
+
+static bool is_mirroring(const float *m)
+{
+    if (!m)
+        return false;
+    double x = (double)m[5] * m[10] - (double)m[6] * m[9];
+    double y = (double)m[6] * m[8] - (double)m[4] * m[10];
+    double z = (double)m[4] * m[9] - (double)m[5] * m[8];
+    return m[0] * x + m[1] * y + m[2] * z < 0;
+}
+
+static bool fetch(const struct oracle_mesh *mesh, uint32_t primitive, union oracle_subject *ret_subject)
+{
+    const float *corners[3];
+    if (!fetch_corners(mesh, primitive, corners))
+        return false;
+    ret_subject->triangle.mirrored = is_mirroring(mesh->transform);
+    for (int k = 0; k < 3; k++)
+        transform_corner(mesh->transform, corners[k], ret_subject->triangle.corners[k]);
+    return true;
+}
+
+static void sphere(const union oracle_subject *subject, double ret_centre[3], double *ret_radius)
+{
+    const struct radial(*corners)[3] = subject->triangle.corners;
+    double square = 0;
+    for (int axis = 0; axis < 3; axis++) {
+        double a = corners[0][axis].centre, b = corners[1][axis].centre, c = corners[2][axis].centre;
+        ret_centre[axis] = 0.5 * fmin(a, fmin(b, c)) + 0.5 * fmax(a, fmax(b, c));
+    }
+    for (int k = 0; k < 3; k++) {
+        double away[3];
+        for (int axis = 0; axis < 3; axis++)
+            away[axis] = fabs(corners[k][axis].centre - ret_centre[axis]) + corners[k][axis].radius;
+        square = fmax(square, away[0] * away[0] + away[1] * away[1] + away[2] * away[2]);
+    }
+    *ret_radius = sqrt(square);
 }
 
 /*
@@ -117,19 +94,19 @@ static void shear(const struct oracle_ray *ray, const struct oracle_triangle *tr
 {
     struct radial z[3];
     for (int k = 0; k < 3; k++)
-        z[k] = radial_sub(triangle->corners[k][ray->z], exact(ray->origin[2].centre));
+        z[k] = radial_sub(triangle->corners[k][ray->z], radial_exact(ray->origin[2].centre));
     double middle = (z[0].centre + z[1].centre + z[2].centre) / 3;
     for (int axis = 0; axis < 2; axis++) {
         struct radial slope = ray->shear[axis], start = ray->origin[axis];
         for (int k = 0; k < 3; k++) {
-            struct radial across = radial_sub(triangle->corners[k][axis ? ray->y : ray->x], exact(start.centre));
-            struct radial moved = radial_sub(across, radial_mul(exact(slope.centre), z[k]));
-            moved.radius += slope.radius * (fabs(z[k].centre - middle) + z[k].radius) * WIDEN;
+            struct radial across = radial_sub(triangle->corners[k][axis ? ray->y : ray->x], radial_exact(start.centre));
+            struct radial moved = radial_sub(across, radial_mul(radial_exact(slope.centre), z[k]));
+            moved.radius += slope.radius * (fabs(z[k].centre - middle) + z[k].radius) * RADIAL_WIDEN;
             ret_sheared->corners[k][axis] = moved;
             ret_sheared->corners[k][2] = z[k];
         }
         double turned = slope.radius * (fabs(middle) + ray->origin[2].radius);
-        ret_sheared->common[axis] = (start.radius + fabs(slope.centre) * ray->origin[2].radius + turned) * WIDEN;
+        ret_sheared->common[axis] = (start.radius + fabs(slope.centre) * ray->origin[2].radius + turned) * RADIAL_WIDEN;
     }
 }
 
@@ -155,7 +132,7 @@ static struct radial edge_function(const struct sheared *sheared, int from_corne
     struct radial edge = radial_sub(radial_mul(to[0], from[1]), radial_mul(to[1], from[0]));
     double x = fabs(to[0].centre - from[0].centre) + to[0].radius + from[0].radius;
     double y = fabs(to[1].centre - from[1].centre) + to[1].radius + from[1].radius;
-    edge.radius = (edge.radius + sheared->common[0] * y + sheared->common[1] * x) * WIDEN;
+    edge.radius = (edge.radius + sheared->common[0] * y + sheared->common[1] * x) * RADIAL_WIDEN;
     return edge;
 }
 
@@ -174,8 +151,8 @@ static enum oracle_presence presence_of(const struct radial edges[3])
 {
     int positive = 0, negative = 0;
     for (int i = 0; i < 3; i++) {
-        positive += surely_positive(edges[i]);
-        negative += surely_negative(edges[i]);
+        positive += radial_is_positive(edges[i]);
+        negative += radial_is_negative(edges[i]);
     }
     if (positive && negative)
         return ORACLE_ABSENT;
@@ -197,11 +174,11 @@ static void meeting_z(const struct sheared *sheared, const struct radial edges[3
         struct radial z = sheared->corners[i][2];
         low = fmin(low, z.centre - z.radius);
         high = fmax(high, z.centre + z.radius);
-        sum = radial_add(sum, radial_mul(edges[i], radial_sub(z, exact(middle))));
+        sum = radial_add(sum, radial_mul(edges[i], radial_sub(z, radial_exact(middle))));
     }
     double z = det.centre != 0 ? middle + sum.centre / det.centre : middle;
-    if (surely_nonzero(det)) {
-        struct radial offset = radial_add(exact(middle), radial_div(sum, det));
+    if (radial_is_nonzero(det)) {
+        struct radial offset = radial_add(radial_exact(middle), radial_div(sum, det));
         low = fmax(low, offset.centre - offset.radius);
         high = fmin(high, offset.centre + offset.radius);
     }
@@ -216,8 +193,8 @@ static struct oracle_crossing crossing_of(const struct oracle_ray *ray, double z
     struct radial depth = {fmax(fabs(low), fabs(high)), ray->origin[2].radius};
     struct oracle_crossing crossing = {.t = z / scale, .shift = radial_div(depth, ray->direction_z).radius};
     double a = low / scale, b = high / scale;
-    crossing.low = fmin(a, b) - (EQUAL_WITHIN + ROUNDING) * fabs(fmin(a, b));
-    crossing.high = fmax(a, b) + (EQUAL_WITHIN + ROUNDING) * fabs(fmax(a, b));
+    crossing.low = fmin(a, b) - (EQUAL_WITHIN + RADIAL_ROUNDING) * fabs(fmin(a, b));
+    crossing.high = fmax(a, b) + (EQUAL_WITHIN + RADIAL_ROUNDING) * fabs(fmax(a, b));
     return crossing;
 }
 
@@ -244,27 +221,30 @@ static enum oracle_presence presence_of_facing(const struct oracle_ray *ray, str
     bool keep_front = !(ray->flags & RAY_CULL_FRONT_FACING), keep_back = !(ray->flags & RAY_CULL_BACK_FACING);
     if (keep_front && keep_back)
         return ORACLE_SURE;
-    if (!surely_nonzero(det))
+    if (!radial_is_nonzero(det))
         return keep_front || keep_back ? ORACLE_POSSIBLE : ORACLE_ABSENT;
     bool front = (det.centre > 0) == (ray->direction_z.centre > 0);
     return (front != mirrored ? keep_front : keep_back) ? ORACLE_SURE : ORACLE_ABSENT;
 }
 
-static struct oracle_outline outline_of(const struct sheared *sheared, const struct radial edges[3], struct radial det,
-                                        bool open)
+static struct oracle_outline outline_of(const struct oracle_triangle *triangle, const struct sheared *sheared,
+                                        const struct radial edges[3], struct radial det, bool open)
 {
     struct oracle_outline outline = {.positive = det.centre > 0, .open = open};
     for (int k = 0; k < 3; k++) {
-        outline.sure[k] = surely_nonzero(edges[k]) || lies_aside(sheared, k);
-        outline.corners[k][0] = sheared->corners[k][0].centre;
-        outline.corners[k][1] = sheared->corners[k][1].centre;
+        outline.sure[k] = radial_is_nonzero(edges[k]) || lies_aside(sheared, k);
+        for (int axis = 0; axis < 3; axis++)
+            outline.corners[k][axis] = triangle->corners[k][axis].centre;
+        for (int axis = 0; axis < 2; axis++)
+            outline.seen[k][axis] = sheared->corners[k][axis].centre;
     }
     return outline;
 }
 
-enum oracle_presence oracle_triangle_meet(const struct oracle_ray *ray, const struct oracle_triangle *triangle,
-                                          struct oracle_crossing *ret_crossing, struct oracle_outline *ret_outline)
+static enum oracle_presence meet(const struct oracle_ray *ray, const union oracle_subject *subject,
+                                 struct oracle_crossing *ret_crossing, struct oracle_outline *ret_outline)
 {
+    const struct oracle_triangle *triangle = &subject->triangle;
     struct sheared sheared;
     shear(ray, triangle, &sheared);
     if (lies_aside(&sheared, -1))
@@ -283,7 +263,9 @@ enum oracle_presence oracle_triangle_meet(const struct oracle_ray *ray, const st
     if (otherwise == ORACLE_ABSENT)
         return ORACLE_ABSENT;
     if (worse(inside, otherwise) == ORACLE_POSSIBLE)
-        *ret_outline = outline_of(&sheared, edges, det, otherwise == ORACLE_SURE);
+        *ret_outline = outline_of(triangle, &sheared, edges, det, otherwise == ORACLE_SURE);
     *ret_crossing = crossing;
     return worse(inside, otherwise);
 }
+
+const struct oracle_kind oracle_triangles = {fetch, sphere, meet};

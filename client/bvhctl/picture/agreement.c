@@ -284,7 +284,7 @@ static bool is_right(const struct agreement *agreement, const struct oracle_answ
                      const struct agreement_case *one, const struct tracer_hit *hit)
 {
     if (is_any_hit(one))
-        return is_miss(hit) == (answer->kind == ORACLE_MISS);
+        return is_miss(hit) == (answer->outcome == ORACLE_MISS);
     return judge_hit(agreement, answer, &one->ray, hit) == ORACLE_RIGHT;
 }
 
@@ -294,7 +294,7 @@ enum opinion { OPINION_RIGHT, OPINION_UNCERTAIN, OPINION_WRONG, OPINION_OPEN };
 static enum opinion judge_case(const struct agreement *agreement, const struct agreement_case *one,
                                const struct oracle_answer *answer)
 {
-    if (answer->kind == ORACLE_UNCERTAIN && !isnan(one->device.t))
+    if (answer->outcome == ORACLE_UNCERTAIN && !isnan(one->device.t))
         return OPINION_UNCERTAIN;
     bool own_is_right = !one->is_disputed && is_right(agreement, answer, one, &one->own);
     if (own_is_right && is_right(agreement, answer, one, &one->device))
@@ -313,11 +313,11 @@ static bool is_explained(const struct agreement *agreement, const struct oracle_
 {
     struct surface surface;
     double t, tolerance;
-    if (answer->kind == ORACLE_UNCERTAIN)
+    if (answer->outcome == ORACLE_UNCERTAIN)
         return true;
     if (is_any_hit(one) || is_miss(&one->device))
-        return is_miss(&one->device) == (answer->kind == ORACLE_MISS);
-    if (answer->kind == ORACLE_MISS || !surfaces_find(agreement->surfaces, &one->device, &surface))
+        return is_miss(&one->device) == (answer->outcome == ORACLE_MISS);
+    if (answer->outcome == ORACLE_MISS || !surfaces_find(agreement->surfaces, &one->device, &surface))
         return false;
     plane_distance(&one->ray, &surface, &t, &tolerance);
     struct ray_hit judged = {

@@ -88,7 +88,7 @@ void trial_finish(struct trial *trial)
 static bool is_inexact(const struct oracle_answer *answer, const struct ray_hit *hit)
 {
     bool is_tied = false;
-    for (uint32_t i = 0; answer->kind == ORACLE_HIT && i < answer->tied_count; i++)
+    for (uint32_t i = 0; answer->outcome == ORACLE_HIT && i < answer->tied_count; i++)
         is_tied |= hit->primitive - answer->tied[i].primitive < answer->tied[i].count;
     return is_tied;
 }

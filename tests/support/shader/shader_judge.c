@@ -253,7 +253,8 @@ static void show(const char *what, const char *verdict, const struct ray *ray, c
     else
         printf(", CPU nothing");
     if (answer)
-        printf(", reference %d t %.12g in %.12g .. %.12g", (int)answer->kind, answer->t, answer->t_low, answer->t_high);
+        printf(", reference %d t %.12g in %.12g .. %.12g", (int)answer->outcome, answer->t, answer->t_low,
+               answer->t_high);
     printf("; ray (%a %a %a) + t (%a %a %a), %a .. %a, flags %x\n", (double)ray->origin[0], (double)ray->origin[1],
            (double)ray->origin[2], (double)ray->direction[0], (double)ray->direction[1], (double)ray->direction[2],
            (double)ray->tmin, (double)ray->tmax, ray->flags);

@@ -38,12 +38,12 @@ static void forget(struct oracle_answer *answer)
     assert_int_equal(memory.live, 0);
 }
 
-static enum oracle_kind kind_of(const struct oracle_mesh *meshes, uint32_t count, struct ray ray)
+static enum oracle_outcome outcome_of(const struct oracle_mesh *meshes, uint32_t count, struct ray ray)
 {
     struct oracle_answer answer = ask(meshes, count, ray);
-    enum oracle_kind kind = answer.kind;
+    enum oracle_outcome outcome = answer.outcome;
     forget(&answer);
-    return kind;
+    return outcome;
 }
 
 static uint32_t tied_triangles(const struct oracle_answer *answer)
@@ -63,17 +63,17 @@ static void a_plain_hit_and_plain_misses(void **state)
     (void)state;
     struct oracle_mesh mesh = make_mesh(corner_triangle, NULL, 1);
     struct oracle_answer answer = ask(&mesh, 1, make_ray(0.25f, 0.25f, 3, 0, 0, -2));
-    assert_int_equal(answer.kind, ORACLE_HIT);
+    assert_int_equal(answer.outcome, ORACLE_HIT);
     assert_float_equal(answer.t, 1.5, 1e-12);
     assert_true(answer.t_low < 1.5 && answer.t_high > 1.5 && answer.t_high - answer.t_low < 1e-5);
     assert_int_equal(answer.tied_count, 1);
     assert_int_equal(answer.tied[0].count, 1);
     assert_int_equal(answer.tied[0].instance, RAY_NO_INSTANCE);
     forget(&answer);
-    assert_int_equal(kind_of(&mesh, 1, make_ray(0.75f, 0.75f, 3, 0, 0, -2)), ORACLE_MISS);
-    assert_int_equal(kind_of(&mesh, 1, make_ray(0.25f, 0.25f, 3, 0, 0, 2)), ORACLE_MISS);
-    assert_int_equal(kind_of(&mesh, 1, make_ray(0.25f, 0.25f, 3, 1, 0, 0)), ORACLE_MISS);
-    assert_int_equal(kind_of(&mesh, 0, make_ray(0.25f, 0.25f, 3, 0, 0, -2)), ORACLE_MISS);
+    assert_int_equal(outcome_of(&mesh, 1, make_ray(0.75f, 0.75f, 3, 0, 0, -2)), ORACLE_MISS);
+    assert_int_equal(outcome_of(&mesh, 1, make_ray(0.25f, 0.25f, 3, 0, 0, 2)), ORACLE_MISS);
+    assert_int_equal(outcome_of(&mesh, 1, make_ray(0.25f, 0.25f, 3, 1, 0, 0)), ORACLE_MISS);
+    assert_int_equal(outcome_of(&mesh, 0, make_ray(0.25f, 0.25f, 3, 0, 0, -2)), ORACLE_MISS);
 }
 
 static void the_interval_is_open_and_its_ends_are_uncertain(void **state)
@@ -83,16 +83,16 @@ static void the_interval_is_open_and_its_ends_are_uncertain(void **state)
     struct ray ray = make_ray(0.25f, 0.25f, 3, 0, 0, -1);
     const struct {
         float tmin, tmax;
-        enum oracle_kind kind;
+        enum oracle_outcome outcome;
     } cases[] = {{2, 4, ORACLE_HIT},     {3, 4, ORACLE_UNCERTAIN}, {2, 3, ORACLE_UNCERTAIN},
                  {3.1f, 4, ORACLE_MISS}, {0, 2.9f, ORACLE_MISS},   {4, 2, ORACLE_MISS},
                  {NAN, 4, ORACLE_MISS},  {0, NAN, ORACLE_MISS},    {0, INFINITY, ORACLE_HIT}};
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
         ray.tmin = cases[i].tmin;
         ray.tmax = cases[i].tmax;
-        assert_int_equal(kind_of(&mesh, 1, ray), cases[i].kind);
+        assert_int_equal(outcome_of(&mesh, 1, ray), cases[i].outcome);
     }
-    assert_int_equal(kind_of(&mesh, 1, make_ray(0.25f, 0.25f, 0, 0, 0, -1)), ORACLE_UNCERTAIN);
+    assert_int_equal(outcome_of(&mesh, 1, make_ray(0.25f, 0.25f, 0, 0, 0, -1)), ORACLE_UNCERTAIN);
 }
 
 static void facing_is_honoured_in_the_mesh_s_own_space(void **state)
@@ -104,7 +104,7 @@ static void facing_is_honoured_in_the_mesh_s_own_space(void **state)
     const struct {
         const float *transform;
         float z;
-        enum oracle_kind front_culled, back_culled;
+        enum oracle_outcome front_culled, back_culled;
     } cases[] = {
         {NULL, 1, ORACLE_MISS, ORACLE_HIT},
         {NULL, -1, ORACLE_HIT, ORACLE_MISS}, /* the winding seen from +z is counter-clockwise */
@@ -116,11 +116,11 @@ static void facing_is_honoured_in_the_mesh_s_own_space(void **state)
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
         mesh.transform = cases[i].transform;
         struct ray ray = make_ray(0.25f, 0.25f, cases[i].z, 0, 0, -cases[i].z);
-        assert_int_equal(kind_of(&mesh, 1, ray), ORACLE_HIT);
+        assert_int_equal(outcome_of(&mesh, 1, ray), ORACLE_HIT);
         ray.flags = RAY_CULL_FRONT_FACING;
-        assert_int_equal(kind_of(&mesh, 1, ray), cases[i].front_culled);
+        assert_int_equal(outcome_of(&mesh, 1, ray), cases[i].front_culled);
         ray.flags = RAY_CULL_BACK_FACING;
-        assert_int_equal(kind_of(&mesh, 1, ray), cases[i].back_culled);
+        assert_int_equal(outcome_of(&mesh, 1, ray), cases[i].back_culled);
     }
 }
 
@@ -134,31 +134,31 @@ static void what_cannot_be_hit_is_missed(void **state)
             memcpy(positions, corner_triangle, sizeof positions);
             positions[component] = odd[which];
             struct oracle_mesh mesh = make_mesh(positions, NULL, 1);
-            assert_int_equal(kind_of(&mesh, 1, make_ray(0.25f, 0.25f, 3, 0, 0, -2)), ORACLE_MISS);
+            assert_int_equal(outcome_of(&mesh, 1, make_ray(0.25f, 0.25f, 3, 0, 0, -2)), ORACLE_MISS);
         }
     static const uint32_t repeated[3][3] = {{0, 0, 1}, {0, 1, 1}, {1, 0, 1}};
     for (int which = 0; which < 3; which++) {
         struct oracle_mesh mesh = make_mesh(corner_triangle, repeated[which], 1);
-        assert_int_equal(kind_of(&mesh, 1, make_ray(0.5f, 0, 3, 0, 0, -2)), ORACLE_MISS);
+        assert_int_equal(outcome_of(&mesh, 1, make_ray(0.5f, 0, 3, 0, 0, -2)), ORACLE_MISS);
     }
     static const float on_a_line[9] = {0, 0, 0, 1, 0, 0, 2, 0, 0};
     struct oracle_mesh mesh = make_mesh(on_a_line, NULL, 1);
-    assert_int_equal(kind_of(&mesh, 1, make_ray(0.5f, 0, 3, 0, 0, -2)), ORACLE_UNCERTAIN);
-    assert_int_equal(kind_of(&mesh, 1, make_ray(0.5f, 0.001f, 3, 0, 0, -2)), ORACLE_MISS);
+    assert_int_equal(outcome_of(&mesh, 1, make_ray(0.5f, 0, 3, 0, 0, -2)), ORACLE_UNCERTAIN);
+    assert_int_equal(outcome_of(&mesh, 1, make_ray(0.5f, 0.001f, 3, 0, 0, -2)), ORACLE_MISS);
 }
 
 static void odd_rays(void **state)
 {
     (void)state;
     struct oracle_mesh mesh = make_mesh(corner_triangle, NULL, 1);
-    assert_int_equal(kind_of(&mesh, 1, make_ray(0.25f, 0.25f, 3, 0, 0, 0)), ORACLE_MISS);
-    assert_int_equal(kind_of(&mesh, 1, make_ray(NAN, 0.25f, 3, 0, 0, -1)), ORACLE_MISS);
-    assert_int_equal(kind_of(&mesh, 1, make_ray(0.25f, 0.25f, INFINITY, 0, 0, -1)), ORACLE_MISS);
-    assert_int_equal(kind_of(&mesh, 1, make_ray(0.25f, 0.25f, 3, 0, NAN, -1)), ORACLE_MISS);
-    assert_int_equal(kind_of(&mesh, 1, make_ray(0.25f, 0.25f, 3, 0, INFINITY, -1)), ORACLE_MISS);
-    assert_int_equal(kind_of(&mesh, 1, make_ray(0.25f, 0.25f, 3, 0, 0, -FLT_TRUE_MIN)), ORACLE_UNCERTAIN);
-    assert_int_equal(kind_of(&mesh, 1, make_ray(0.25f, 0.25f, 3, 0, 0, -0x1p-120f)), ORACLE_HIT);
-    assert_int_equal(kind_of(&mesh, 1, make_ray(0.25f, 0.25f, 3, 0, 0, -0x1p120f)), ORACLE_HIT);
+    assert_int_equal(outcome_of(&mesh, 1, make_ray(0.25f, 0.25f, 3, 0, 0, 0)), ORACLE_MISS);
+    assert_int_equal(outcome_of(&mesh, 1, make_ray(NAN, 0.25f, 3, 0, 0, -1)), ORACLE_MISS);
+    assert_int_equal(outcome_of(&mesh, 1, make_ray(0.25f, 0.25f, INFINITY, 0, 0, -1)), ORACLE_MISS);
+    assert_int_equal(outcome_of(&mesh, 1, make_ray(0.25f, 0.25f, 3, 0, NAN, -1)), ORACLE_MISS);
+    assert_int_equal(outcome_of(&mesh, 1, make_ray(0.25f, 0.25f, 3, 0, INFINITY, -1)), ORACLE_MISS);
+    assert_int_equal(outcome_of(&mesh, 1, make_ray(0.25f, 0.25f, 3, 0, 0, -FLT_TRUE_MIN)), ORACLE_UNCERTAIN);
+    assert_int_equal(outcome_of(&mesh, 1, make_ray(0.25f, 0.25f, 3, 0, 0, -0x1p-120f)), ORACLE_HIT);
+    assert_int_equal(outcome_of(&mesh, 1, make_ray(0.25f, 0.25f, 3, 0, 0, -0x1p120f)), ORACLE_HIT);
 }
 
 /* ---- neighbours and ties ---- */
@@ -173,19 +173,19 @@ static void inner_edges_and_corners_are_certain(void **state)
     for (int turned = 0; turned < 2; turned++) {
         struct oracle_mesh mesh = make_mesh(positions, turned ? mixed : alike, 4);
         struct oracle_answer answer = ask(&mesh, 1, make_ray(0.125f, 0.0625f, 1, 0, 0, -1));
-        assert_int_equal(answer.kind, ORACLE_HIT);
+        assert_int_equal(answer.outcome, ORACLE_HIT);
         assert_int_equal(tied_triangles(&answer), 4);
         forget(&answer);
         answer = ask(&mesh, 1, make_ray(0.5625f, 0.53125f, 1, 0, 0, -1)); /* half way from the centre to corner 2 */
-        assert_int_equal(answer.kind, ORACLE_HIT);
+        assert_int_equal(answer.outcome, ORACLE_HIT);
         assert_int_equal(tied_triangles(&answer), 2); /* 1 and 2 */
         assert_int_equal(answer.tied[0].primitive + answer.tied[answer.tied_count - 1].primitive,
                          answer.tied_count == 1 ? 2 : 3);
         forget(&answer);
         mesh.triangle_count = 3; /* the centre is on the boundary now */
-        assert_int_equal(kind_of(&mesh, 1, make_ray(0.125f, 0.0625f, 1, 0, 0, -1)), ORACLE_UNCERTAIN);
-        assert_int_equal(kind_of(&mesh, 1, make_ray(1, 0, 1, 0, 0, -1)), ORACLE_UNCERTAIN);
-        assert_int_equal(kind_of(&mesh, 1, make_ray(-0.75f, 0, 1, 0, 0, -1)), ORACLE_MISS);
+        assert_int_equal(outcome_of(&mesh, 1, make_ray(0.125f, 0.0625f, 1, 0, 0, -1)), ORACLE_UNCERTAIN);
+        assert_int_equal(outcome_of(&mesh, 1, make_ray(1, 0, 1, 0, 0, -1)), ORACLE_UNCERTAIN);
+        assert_int_equal(outcome_of(&mesh, 1, make_ray(-0.75f, 0, 1, 0, 0, -1)), ORACLE_MISS);
     }
 }
 
@@ -196,9 +196,9 @@ static void a_fold_seen_from_aside_stays_uncertain(void **state)
     static const float positions[12] = {0, -1, 0, 0, 1, 0, 1, 0, 1, 1, 0, -1};
     static const uint32_t indices[6] = {0, 1, 2, 1, 0, 3};
     struct oracle_mesh mesh = make_mesh(positions, indices, 2);
-    assert_int_equal(kind_of(&mesh, 1, make_ray(0, 0, 5, 0, 0, -1)), ORACLE_UNCERTAIN);
-    assert_int_equal(kind_of(&mesh, 1, make_ray(0.01f, 0, 5, 0, 0, -1)), ORACLE_HIT);
-    assert_int_equal(kind_of(&mesh, 1, make_ray(-0.01f, 0, 5, 0, 0, -1)), ORACLE_MISS);
+    assert_int_equal(outcome_of(&mesh, 1, make_ray(0, 0, 5, 0, 0, -1)), ORACLE_UNCERTAIN);
+    assert_int_equal(outcome_of(&mesh, 1, make_ray(0.01f, 0, 5, 0, 0, -1)), ORACLE_HIT);
+    assert_int_equal(outcome_of(&mesh, 1, make_ray(-0.01f, 0, 5, 0, 0, -1)), ORACLE_MISS);
 }
 
 static void a_sliver_thinner_than_an_ulp_leaves_no_gap(void **state)
@@ -209,7 +209,7 @@ static void a_sliver_thinner_than_an_ulp_leaves_no_gap(void **state)
     static const uint32_t indices[12] = {0, 1, 3, 1, 2, 3, 1, 4, 2, 2, 4, 3};
     struct oracle_mesh mesh = make_mesh(positions, indices, 4);
     struct oracle_answer answer = ask(&mesh, 1, make_ray(1, 0.5f, 1, 0, 0, -1));
-    assert_int_equal(answer.kind, ORACLE_HIT);
+    assert_int_equal(answer.outcome, ORACLE_HIT);
     assert_true(tied_triangles(&answer) >= 3);
     forget(&answer);
 }
@@ -222,9 +222,9 @@ static void an_equal_edge_of_another_instance_settles_nothing(void **state)
     struct oracle_mesh meshes[2] = {make_mesh(positions, indices, 1), make_mesh(positions, indices + 3, 1)};
     struct ray ray = make_ray(0.5f, 0.5f, 1, 0, 0, -1);
     meshes[1].geometry = 1;
-    assert_int_equal(kind_of(meshes, 2, ray), ORACLE_HIT);
+    assert_int_equal(outcome_of(meshes, 2, ray), ORACLE_HIT);
     meshes[1].instance = 0;
-    assert_int_equal(kind_of(meshes, 2, ray), ORACLE_UNCERTAIN);
+    assert_int_equal(outcome_of(meshes, 2, ray), ORACLE_UNCERTAIN);
 }
 
 static void doubts_behind_the_answer_do_not_matter(void **state)
@@ -232,8 +232,8 @@ static void doubts_behind_the_answer_do_not_matter(void **state)
     (void)state;
     static const float positions[18] = {0, 0, 0, 1, 0, 0, 0, 1, 0, 0.25f, 0.25f, -1, 1, 0, -1, 0, 1, -1};
     struct oracle_mesh mesh = make_mesh(positions, NULL, 2);
-    assert_int_equal(kind_of(&mesh, 1, make_ray(0.25f, 0.25f, 1, 0, 0, -1)), ORACLE_HIT);
-    assert_int_equal(kind_of(&mesh, 1, make_ray(0.25f, 0.25f, -3, 0, 0, 1)), ORACLE_UNCERTAIN);
+    assert_int_equal(outcome_of(&mesh, 1, make_ray(0.25f, 0.25f, 1, 0, 0, -1)), ORACLE_HIT);
+    assert_int_equal(outcome_of(&mesh, 1, make_ray(0.25f, 0.25f, -3, 0, 0, 1)), ORACLE_UNCERTAIN);
 }
 
 static struct ray_hit make_hit(uint32_t instance, uint32_t geometry, uint32_t primitive, float t)
@@ -252,7 +252,7 @@ static void coincident_triangles_are_tied_and_told_in_runs(void **state)
     meshes[1].instance = 2;
     meshes[1].geometry = 7;
     struct oracle_answer answer = ask(meshes, 2, make_ray(0.25f, 0.25f, 1, 0, 0, -1));
-    assert_int_equal(answer.kind, ORACLE_HIT);
+    assert_int_equal(answer.outcome, ORACLE_HIT);
     assert_int_equal(answer.tied_count, 2);
     assert_int_equal(answer.tied[0].instance, 2);
     assert_int_equal(answer.tied[1].count, 100);
@@ -292,7 +292,7 @@ static void triangles_at_equal_distances_are_tied(void **state)
         const struct oracle_mesh mesh = make_mesh(positions, NULL, 2);
         struct oracle_answer answer = ask(&mesh, 1, make_ray(0.25f, 0.25f, 49339.5f, 0, 0, -1));
         const struct ray_hit lower = make_hit(RAY_NO_INSTANCE, 0, 0, 49338.75f);
-        assert_int_equal(answer.kind, ORACLE_HIT);
+        assert_int_equal(answer.outcome, ORACLE_HIT);
         assert_int_equal(tied_triangles(&answer), cases[i].tied);
         assert_int_equal(oracle_judge(&answer, &lower, NULL),
                          cases[i].tied == 2 ? ORACLE_RIGHT : ORACLE_WRONG_PRIMITIVE);
@@ -303,13 +303,13 @@ static void triangles_at_equal_distances_are_tied(void **state)
 static void misses_and_doubts_are_judged(void **state)
 {
     (void)state;
-    struct oracle_answer answer = {.kind = ORACLE_MISS};
+    struct oracle_answer answer = {.outcome = ORACLE_MISS};
     struct ray_hit hit = make_hit(0, 0, 0, 1);
     double t_rel_err = -1;
     assert_int_equal(oracle_judge(&answer, NULL, &t_rel_err), ORACLE_RIGHT);
     assert_true(t_rel_err == 0);
     assert_int_equal(oracle_judge(&answer, &hit, NULL), ORACLE_WRONG_HIT);
-    answer.kind = ORACLE_UNCERTAIN;
+    answer.outcome = ORACLE_UNCERTAIN;
     assert_int_equal(oracle_judge(&answer, NULL, NULL), ORACLE_UNDECIDED);
     assert_int_equal(oracle_judge(&answer, &hit, NULL), ORACLE_UNDECIDED);
 }
@@ -353,7 +353,8 @@ static void make_scene(struct oracle_mesh meshes[3], struct ray rays[SCENE_RAYS]
 
 static bool answers_equal(const struct oracle_answer *a, const struct oracle_answer *b)
 {
-    if (a->kind != b->kind || a->t != b->t || a->t_low != b->t_low || a->t_high != b->t_high || a->t_end != b->t_end)
+    if (a->outcome != b->outcome || a->t != b->t || a->t_low != b->t_low || a->t_high != b->t_high ||
+        a->t_end != b->t_end)
         return false;
     return a->tied_count == b->tied_count &&
            (!a->tied_count || memcmp(a->tied, b->tied, a->tied_count * sizeof *a->tied) == 0);
@@ -370,7 +371,7 @@ static void whole_answers_hold_for_moved_rays(void **state)
     struct ray rays[SCENE_RAYS];
     struct oracle_answer answers[SCENE_RAYS];
     uint64_t random = 3;
-    uint32_t kinds[3] = {0, 0, 0};
+    uint32_t outcomes[3] = {0, 0, 0};
     make_scene(meshes, rays);
     memory_init(&memory, UINT64_MAX);
     assert_int_equal(oracle_trace(meshes, 1, rays, SCENE_RAYS, &memory, &parallel_serial, NULL, NULL, answers, NULL),
@@ -379,7 +380,7 @@ static void whole_answers_hold_for_moved_rays(void **state)
         struct moved moved;
         long double closest = INFINITY;
         uint32_t primitive = 0;
-        kinds[answers[i].kind]++;
+        outcomes[answers[i].outcome]++;
         for (int axis = 0; axis < 3; axis++) {
             moved.origin[axis] = moved_value(rays[i].origin[axis], &random);
             moved.direction[axis] = moved_value(rays[i].direction[axis], &random);
@@ -398,8 +399,8 @@ static void whole_answers_hold_for_moved_rays(void **state)
         enum oracle_verdict verdict = oracle_judge(&answers[i], closest < INFINITY ? &hit : NULL, NULL);
         assert_true(verdict == ORACLE_RIGHT || verdict == ORACLE_UNDECIDED);
     }
-    assert_true(kinds[ORACLE_HIT] > SCENE_RAYS / 2 && kinds[ORACLE_MISS] > SCENE_RAYS / 20 &&
-                kinds[ORACLE_UNCERTAIN] < SCENE_RAYS / 20);
+    assert_true(outcomes[ORACLE_HIT] > SCENE_RAYS / 2 && outcomes[ORACLE_MISS] > SCENE_RAYS / 20 &&
+                outcomes[ORACLE_UNCERTAIN] < SCENE_RAYS / 20);
     oracle_finish(answers, SCENE_RAYS, &memory);
     assert_int_equal(memory.live, 0);
 }

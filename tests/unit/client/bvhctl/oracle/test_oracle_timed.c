@@ -48,8 +48,8 @@ static void test_all(void **state)
     assert_int_equal(last_total, TRIANGLES * RAYS);
     assert_int_equal(last_done, TRIANGLES * RAYS);
     for (int i = 0; i < RAYS; i++) {
-        assert_int_equal(timed[i].kind, whole[i].kind);
-        assert_true(timed[i].kind != ORACLE_HIT || timed[i].t == whole[i].t);
+        assert_int_equal(timed[i].outcome, whole[i].outcome);
+        assert_true(timed[i].outcome != ORACLE_HIT || timed[i].t == whole[i].t);
     }
     oracle_finish(whole, RAYS, &memory);
     oracle_finish(timed, RAYS, &memory);
@@ -66,7 +66,7 @@ static void test_no_time(void **state)
     assert_int_equal(oracle_trace_timed(&work, rays, RAYS, -1, timed, &count, NULL), BVHD_OK);
     assert_in_range(count, 1, RAYS - 1);
     for (uint32_t i = count; i < RAYS; i++)
-        assert_int_equal(timed[i].kind, ORACLE_MISS);
+        assert_int_equal(timed[i].outcome, ORACLE_MISS);
     oracle_finish(timed, RAYS, &memory);
     assert_int_equal(memory.live, 0);
     assert_true(oracle_work_seconds(&work, RAYS) > 0);

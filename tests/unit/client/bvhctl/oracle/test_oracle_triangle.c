@@ -5,6 +5,7 @@
 
 #include "tests/support/builder/moved.h"
 #include "client/bvhctl/oracle/oracle_filter.h"
+#include "client/bvhctl/oracle/oracle_kind.h"
 
 /*
  * test_oracle_triangle.c - tests the oracle's bounds for a ray and a triangle against many copies with moved inputs,
@@ -49,18 +50,13 @@ static struct specimen make_specimen(double scale, double offset, uint64_t *stat
     return s;
 }
 
-static struct oracle_triangle oracle_view(const struct specimen *s)
+static union oracle_subject oracle_view(const struct specimen *s)
 {
-    struct oracle_triangle triangle = {.mirrored = false};
-    for (int k = 0; k < 3; k++)
-        for (int row = 0; row < 3; row++) {
-            struct radial at = radial_input(s->transformed ? s->matrix[4 * row + 3] : s->corners[k][row]);
-            for (int column = 0; s->transformed && column < 3; column++)
-                at = radial_add(
-                    at, radial_mul(radial_input(s->matrix[4 * row + column]), radial_input(s->corners[k][column])));
-            triangle.corners[k][row] = at;
-        }
-    return triangle;
+    const struct oracle_mesh mesh = {
+        .positions = s->corners[0], .triangle_count = 1, .transform = s->transformed ? s->matrix : NULL};
+    union oracle_subject subject;
+    assert_true(oracle_triangles.fetch(&mesh, 0, &subject));
+    return subject;
 }
 
 static struct moved move(const struct specimen *s, uint64_t *state)
@@ -96,12 +92,12 @@ static void presence_and_distance_hold_for_moved_inputs(void **state)
     int counts[3] = {0, 0, 0};
     for (int i = 0; i < MAGNITUDES * SPECIMENS; i++) {
         struct specimen specimen = make_specimen(magnitudes[i % MAGNITUDES][0], magnitudes[i % MAGNITUDES][1], &random);
-        struct oracle_triangle triangle = oracle_view(&specimen);
+        union oracle_subject subject = oracle_view(&specimen);
         struct oracle_ray ray;
         struct oracle_crossing crossing = {0};
         struct oracle_outline outline;
         assert_int_equal(oracle_ray_init(&ray, &specimen.ray), ORACLE_RAY_GOOD);
-        enum oracle_presence presence = oracle_triangle_meet(&ray, &triangle, &crossing, &outline);
+        enum oracle_presence presence = oracle_triangles.meet(&ray, &subject, &crossing, &outline);
         counts[presence]++;
         for (int k = 0; k < MOVES; k++) {
             struct moved moved = move(&specimen, &random);
@@ -124,7 +120,7 @@ static void the_filter_drops_nothing_that_may_be_met(void **state)
     (void)state;
     uint64_t random = 9;
     struct oracle_filter_block *block = malloc(sizeof *block);
-    struct oracle_triangle *triangles = malloc(ORACLE_FILTER_BLOCK * sizeof *triangles);
+    union oracle_subject *subjects = malloc(ORACLE_FILTER_BLOCK * sizeof *subjects);
     uint64_t kept = 0, met = 0, all = 0;
     for (int round = 0; round < 4 * MAGNITUDES; round++) {
         const double *magnitude = magnitudes[round % MAGNITUDES];
@@ -134,12 +130,15 @@ static void the_filter_drops_nothing_that_may_be_met(void **state)
         double wobble = 0;
         for (uint32_t i = 0; i < count; i++) {
             specimens[i] = make_specimen(magnitude[0], magnitude[1], &random);
-            triangles[i] = oracle_view(&specimens[i]);
+            subjects[i] = oracle_view(&specimens[i]);
             wobble = fmax(wobble, oracle_filter_ray_init(&filters[i], &specimens[i].ray));
         }
         oracle_filter_begin(block, wobble);
-        for (uint32_t i = 0; i < count; i++)
-            oracle_filter_add(block, triangles[i].corners);
+        for (uint32_t i = 0; i < count; i++) {
+            double centre[3], radius;
+            oracle_triangles.sphere(&subjects[i], centre, &radius);
+            oracle_filter_add(block, centre, radius);
+        }
         for (uint32_t i = 0; i < count; i++) {
             uint16_t near[ORACLE_FILTER_BLOCK];
             uint32_t near_count = oracle_filter_scan(block, &filters[i], near), at = 0;
@@ -149,7 +148,7 @@ static void the_filter_drops_nothing_that_may_be_met(void **state)
                 struct oracle_crossing crossing;
                 struct oracle_outline outline;
                 bool is_near = at < near_count && near[at] == k;
-                bool is_met = oracle_triangle_meet(&ray, &triangles[k], &crossing, &outline) != ORACLE_ABSENT;
+                bool is_met = oracle_triangles.meet(&ray, &subjects[k], &crossing, &outline) != ORACLE_ABSENT;
                 assert_true(is_near || !is_met);
                 at += is_near;
                 kept += is_near;
@@ -161,7 +160,7 @@ static void the_filter_drops_nothing_that_may_be_met(void **state)
     }
     assert_true(met > 1000 && kept < all);
     free(block);
-    free(triangles);
+    free(subjects);
 }
 
 int main(void)

@@ -1,0 +1,57 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * oracle_kind.h - what the oracle has to know about one kind of primitives: how to read them, where they are, and
+ * whether a ray meets them. The rest of the oracle is the same for all kinds.
+ */
+#ifndef BVHD_ORACLE_KIND_H
+#define BVHD_ORACLE_KIND_H
+
+#include "client/bvhctl/oracle/oracle_ray.h"
+#include "client/bvhctl/oracle/oracle_triangle.h"
+
+struct oracle_mesh;
+
+/* A primitive in world space, of the kind that has fetched it. */
+union oracle_subject {
+    struct oracle_triangle triangle;
+};
+
+enum oracle_presence { ORACLE_ABSENT, ORACLE_POSSIBLE, ORACLE_SURE };
+
+struct oracle_crossing {
+    double t;
+    /*
+     * the interval of t for comparisons with other primitives on the same ray. It leaves out the moves of inputs that
+     * shift the t of all primitives alike, and is wide enough to meet that of every distance which counts as equal
+     * (bvhd_cpu.h: to 32 significant bits)
+     */
+    double low, high;
+    double shift; /* what those moves add: t itself is in [low - shift, high + shift] */
+};
+
+/* A triangle that is possibly hit: in world space, and as it is seen along the ray, which is at 0. */
+struct oracle_outline {
+    double corners[3][3]; /* in world space; equal ones are the same corner */
+    double seen[3][2];
+    bool sure[3]; /* [k]: the ray surely does not pass through edge k, which is opposite to corner k */
+    bool positive; /* the sign of the area */
+    bool open; /* only the edges leave it open whether it is hit: distance and facing are sure */
+};
+
+struct oracle_kind {
+    /* Reads a primitive of the mesh. Returns false for one that no ray can hit. */
+    bool (*fetch)(const struct oracle_mesh *mesh, uint32_t primitive, union oracle_subject *ret_subject);
+    /* Makes a sphere that contains the primitive and all its moves. */
+    void (*sphere)(const union oracle_subject *subject, double ret_centre[3], double *ret_radius);
+    /*
+     * Returns whether the ray meets the primitive between tmin and tmax. Of the ray's flags, those of culling by facing
+     * are honoured and no others. *ret_crossing is filled in unless the result is ABSENT, *ret_outline if it is
+     * POSSIBLE.
+     */
+    enum oracle_presence (*meet)(const struct oracle_ray *ray, const union oracle_subject *subject,
+                                 struct oracle_crossing *ret_crossing, struct oracle_outline *ret_outline);
+};
+
+extern const struct oracle_kind oracle_triangles;
+
+#endif
