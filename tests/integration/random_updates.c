@@ -19,7 +19,7 @@
 #include "builder/traverse/lavapipe_traverse.h"
 #include "client/bvhctl/oracle/rays.h"
 #include "tests/support/builder/box_judge.h"
-#include "tests/support/builder/random_input.h"
+#include "tests/support/builder/random_kind.h"
 #include "tests/support/builder/random_top.h"
 #include "tests/support/builder/random_update.h"
 
@@ -232,7 +232,7 @@ static void compare_bottoms(struct run *run, const struct random_input *bottom, 
         traced[i] = (struct traced){.is_native = updated->is_native,
                                     .scene = {.bottoms = &views[i], .bottom_count = 1},
                                     .native = {.bottoms = &natives[i], .bottom_count = 1}};
-    if (count > 0 && bottom->geometries[0].type == GEOMETRY_AABBS) {
+    if (count > 0 && bottom->kind->are_candidates) {
         judge_boxes(run, &traced[0], bottom, random);
         return;
     }

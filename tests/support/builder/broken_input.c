@@ -4,6 +4,7 @@
 #include <math.h>
 #include <stdio.h>
 
+#include "tests/support/builder/random_kind.h"
 #include "tests/support/builder/random_top.h"
 
 /* Returns a number near which checks may fail: a small one, a power of two or a neighbour of one. */
@@ -21,14 +22,22 @@ static struct geometry *any_geometry(struct broken_input *broken, struct random 
                 .geometries[broken->input.geometry_count ? random_below(random, broken->input.geometry_count) : 0];
 }
 
-/* Returns the bytes of a geometry that its type uses. */
+/* Returns the fields of a geometry. One of an unknown type is taken for triangles, but only its arrays are known. */
+static struct random_fields fields_of(struct geometry *geometry)
+{
+    const struct random_kind *kind = random_kind_find(geometry->type);
+    if (kind)
+        return kind->fields(geometry);
+    struct random_fields fields = random_triangles.fields(geometry);
+    fields.format = fields.index_type = fields.max_vertex = NULL;
+    fields.stride = NULL;
+    return fields;
+}
+
 static struct bytes *any_bytes(struct geometry *geometry, struct random *random)
 {
-    struct geometry_triangles *triangles = &geometry->triangles;
-    struct bytes *fields[] = {&triangles->vertices, &triangles->indices, &triangles->transform};
-    if (geometry->type == GEOMETRY_AABBS)
-        return &geometry->aabbs.boxes;
-    return geometry->type == GEOMETRY_INSTANCES ? &geometry->instances.records : fields[random_below(random, 3)];
+    struct random_fields fields = fields_of(geometry);
+    return fields.arrays[fields.array_count > 1 ? random_below(random, fields.array_count) : 0];
 }
 
 static void break_type(struct broken_input *broken, struct random *random)
@@ -62,24 +71,13 @@ static void break_geometry_type(struct broken_input *broken, struct random *rand
     struct geometry *geometry = any_geometry(broken, random);
     struct bytes bytes = {random_input_buffer(&broken->base, 96), 96};
     memset((void *)(uintptr_t)bytes.data, 0, 96);
-    switch (random_below(random, 4)) {
-    case 0:
-        geometry->type = GEOMETRY_TRIANGLES;
-        geometry->triangles =
-            (struct geometry_triangles){.vertex_format = 106, .vertex_stride = 12, .index_type = INDEX_NONE};
-        geometry->triangles.vertices = bytes;
-        break;
-    case 1:
-        geometry->type = GEOMETRY_AABBS;
-        geometry->aabbs = (struct geometry_aabbs){24, bytes};
-        break;
-    case 2:
-        geometry->type = GEOMETRY_INSTANCES;
-        geometry->instances = (struct geometry_instances){bytes};
-        break;
-    default:
+    uint32_t which = random_below(random, RANDOM_KINDS + 1);
+    if (which == RANDOM_KINDS) {
         geometry->type = 3 + (uint32_t)random_number(random) % 1000000;
+        return;
     }
+    geometry->type = random_kinds[which]->type;
+    random_kinds[which]->blank(geometry, bytes);
 }
 
 static void break_geometry_flags(struct broken_input *broken, struct random *random)
@@ -89,33 +87,31 @@ static void break_geometry_flags(struct broken_input *broken, struct random *ran
 
 static void break_format(struct broken_input *broken, struct random *random)
 {
-    struct geometry *geometry = any_geometry(broken, random);
-    if (geometry->type == GEOMETRY_TRIANGLES)
-        geometry->triangles.vertex_format = random_below(random, 130);
+    struct random_fields fields = fields_of(any_geometry(broken, random));
+    if (fields.format)
+        *fields.format = random_below(random, 130);
 }
 
 static void break_stride(struct broken_input *broken, struct random *random)
 {
-    struct geometry *geometry = any_geometry(broken, random);
-    if (geometry->type == GEOMETRY_TRIANGLES)
-        geometry->triangles.vertex_stride = random_number(random);
-    else if (geometry->type == GEOMETRY_AABBS)
-        geometry->aabbs.stride = random_number(random);
+    struct random_fields fields = fields_of(any_geometry(broken, random));
+    if (fields.stride)
+        *fields.stride = random_number(random);
 }
 
 static void break_index_type(struct broken_input *broken, struct random *random)
 {
     static const uint32_t types[] = {INDEX_NONE, INDEX_UINT16, INDEX_UINT32, 1000265000, 2, 99};
-    struct geometry *geometry = any_geometry(broken, random);
-    if (geometry->type == GEOMETRY_TRIANGLES)
-        geometry->triangles.index_type = types[random_below(random, 6)];
+    struct random_fields fields = fields_of(any_geometry(broken, random));
+    if (fields.index_type)
+        *fields.index_type = types[random_below(random, 6)];
 }
 
 static void break_max_vertex(struct broken_input *broken, struct random *random)
 {
-    struct geometry *geometry = any_geometry(broken, random);
-    if (geometry->type == GEOMETRY_TRIANGLES)
-        geometry->triangles.max_vertex = (uint32_t)random_number(random);
+    struct random_fields fields = fields_of(any_geometry(broken, random));
+    if (fields.max_vertex)
+        *fields.max_vertex = (uint32_t)random_number(random);
 }
 
 static void break_size(struct broken_input *broken, struct random *random)

@@ -22,13 +22,16 @@ struct random_meaning {
     bool moved; /* the corners were transformed, so that their last bit is uncertain */
 };
 
+struct random_kind;
 struct random_plan;
 
 struct random_input {
     struct build_input input;
+    const struct random_kind *kind; /* of all its geometries */
     struct geometry geometries[RANDOM_INPUT_GEOMETRIES];
     struct random_meaning meanings[RANDOM_INPUT_GEOMETRIES];
-    struct random_plan *plans[RANDOM_INPUT_GEOMETRIES]; /* of triangles: how they were made */
+    struct random_plan
+        *plans[RANDOM_INPUT_GEOMETRIES]; /* how the kind has made them; NULL if nothing is left to know */
     void *buffers[RANDOM_INPUT_BUFFERS];
     uint64_t sizes[RANDOM_INPUT_BUFFERS];
     uint32_t buffer_count;
@@ -52,6 +55,9 @@ void random_input_move(void *request, struct random *random);
 
 /* Allocates another random block that the input owns. */
 void *random_input_buffer(struct random_input *input, uint64_t size);
+
+/* Allocates a block of zeros, which the caller frees. */
+void *random_input_zeroed(size_t count, size_t size);
 
 /* Makes random build flags, quality and layout options in a valid combination. */
 void random_input_options(struct build_input *input, struct random *random);

@@ -2,20 +2,11 @@
 #include "tests/support/builder/random_top.h"
 
 #include <math.h>
-#include <stdio.h>
 #include <stdlib.h>
 
-enum { RECORD_SIZE = 64 };
+#include "tests/support/builder/random_kind.h"
 
-static void *allocate(size_t count, size_t size)
-{
-    void *block = calloc(count ? count : 1, size);
-    if (!block) {
-        fprintf(stderr, "random_top: no memory\n");
-        exit(1);
-    }
-    return block;
-}
+enum { RECORD_SIZE = 64 };
 
 static double determinant(const float m[12])
 {
@@ -68,7 +59,7 @@ static void make_records(struct random_top *top, struct random *random)
 {
     uint32_t offset = 16 * random_below(random, 3);
     uint64_t size = offset + (uint64_t)RECORD_SIZE * top->instance_count;
-    top->records = allocate(size, 1);
+    top->records = random_input_zeroed(size, 1);
     for (uint32_t i = 0; i < top->instance_count; i++) {
         struct random_instance *instance = &top->instances[i];
         *instance = random_instance(top, random);
@@ -141,7 +132,7 @@ static const float *flip(struct random_top *top, uint32_t bottom, uint32_t geome
     float **flipped = &top->flipped[bottom][geometry];
     if (*flipped)
         return *flipped;
-    *flipped = allocate(meaning->count, 9 * sizeof **flipped);
+    *flipped = random_input_zeroed(meaning->count, 9 * sizeof **flipped);
     for (uint32_t i = 0; i < meaning->count; i++)
         for (uint32_t k = 0; k < 9; k++)
             (*flipped)[9 * (size_t)i + k] = meaning->corners[i][(3 - k / 3) % 3][k % 3];
@@ -151,7 +142,7 @@ static const float *flip(struct random_top *top, uint32_t bottom, uint32_t geome
 void random_top_mean(struct random_top *top, uint32_t cull_mask)
 {
     if (!top->meshes)
-        top->meshes = allocate((size_t)top->instance_count * RANDOM_INPUT_GEOMETRIES, sizeof *top->meshes);
+        top->meshes = random_input_zeroed((size_t)top->instance_count * RANDOM_INPUT_GEOMETRIES, sizeof *top->meshes);
     top->mesh_count = 0;
     for (uint32_t i = 0; i < top->instance_count; i++) {
         const struct random_instance *instance = &top->instances[i];
@@ -187,3 +178,15 @@ uint32_t random_top_rows(const struct random_top *top, const struct portable_vie
     }
     return count;
 }
+
+static struct random_fields fields(struct geometry *geometry)
+{
+    return (struct random_fields){.array_count = 1, .arrays = {&geometry->instances.records}};
+}
+
+static void blank(struct geometry *geometry, struct bytes bytes)
+{
+    geometry->instances = (struct geometry_instances){bytes};
+}
+
+const struct random_kind random_instances = {.type = GEOMETRY_INSTANCES, .fields = fields, .blank = blank};

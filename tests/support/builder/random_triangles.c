@@ -1,0 +1,224 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Triangles with every vertex format and index type, with overlapping elements, offsets and transforms. */
+#include "tests/support/builder/random_kind.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+#include "tests/support/builder/random_format.h"
+#include "tests/support/builder/random_manner.h"
+
+/* Makes an invertible matrix. */
+static void random_matrix(struct random *random, float ret_matrix[12])
+{
+    double det;
+    do {
+        for (int i = 0; i < 12; i++)
+            ret_matrix[i] = (float)random_between(random, -1.5, 1.5);
+        const float *m = ret_matrix;
+        det = (double)m[0] * ((double)m[5] * m[10] - (double)m[6] * m[9]) -
+              (double)m[1] * ((double)m[4] * m[10] - (double)m[6] * m[8]) +
+              (double)m[2] * ((double)m[4] * m[9] - (double)m[5] * m[8]);
+    } while (fabs(det) < 0.05);
+}
+
+static void apply(const float *matrix, float position[3])
+{
+    double sums[3];
+    for (int row = 0; row < 3; row++)
+        sums[row] = (double)matrix[4 * row] * position[0] + (double)matrix[4 * row + 1] * position[1] +
+                    (double)matrix[4 * row + 2] * position[2] + matrix[4 * row + 3];
+    for (int row = 0; row < 3; row++)
+        position[row] = (float)sums[row];
+}
+
+/* The choices for one geometry. */
+struct random_plan {
+    const struct random_format *format;
+    uint32_t count, vertex_count, first_vertex, offset;
+    uint64_t stride;
+    unsigned char *vertices; /* from the geometry's own offset on */
+    float *matrix; /* the transform; NULL: none */
+    uint32_t indices[]; /* of all corners, without first_vertex */
+};
+
+/*
+ * Vertex strides are multiples of the component's size (or of the packed element's); 0 and overlapping elements are
+ * allowed.
+ */
+static uint64_t random_stride(const struct random_format *format, struct random *random)
+{
+    uint64_t component = random_format_unit(format), element = component * format->stored;
+    if (random_chance(random, 0.5))
+        return element;
+    if (random_chance(random, 0.05))
+        return 0;
+    if (random_chance(random, 0.05))
+        return component;
+    return element + component * random_below(random, 7);
+}
+
+static void make_vertices(struct random_input *input, struct random_plan *plan, struct random *random,
+                          struct geometry *geometry)
+{
+    bool wide = plan->format->component == FLOAT || plan->format->component == DOUBLE;
+    struct random_manner manner = random_manner_make(random, wide);
+    uint64_t element = random_format_read_size(plan->format);
+    uint64_t last = plan->first_vertex + (plan->vertex_count ? plan->vertex_count - 1 : 0);
+    uint64_t base = geometry->triangles.index_type == INDEX_NONE ? plan->offset : 0;
+    uint64_t size = plan->vertex_count ? base + plan->stride * last + element : 0;
+    unsigned char *bytes = random_input_buffer(input, size);
+    memset(bytes, 0xff, size);
+    for (uint32_t i = 0; i < plan->vertex_count; i++) {
+        double position[3];
+        random_manner_position(&manner, i, random, position);
+        random_format_encode(plan->format, position, bytes + base + plan->stride * (plan->first_vertex + i));
+    }
+    plan->vertices = bytes + base;
+    geometry->triangles.vertices = (struct bytes){bytes, size};
+    geometry->triangles.max_vertex = (uint32_t)last;
+    if (!plan->count && random_chance(random, 0.3))
+        geometry->triangles.vertices = (struct bytes){NULL, 0};
+}
+
+/* Returns an index in a strip of the sheet, a neighbour, a repetition, or any index. */
+static uint32_t random_index(const struct random_plan *plan, uint32_t corner, struct random *random)
+{
+    static const uint32_t strip[6] = {0, 1, 7, 1, 8, 7};
+    uint32_t triangle = corner / 3;
+    if (random_chance(random, 0.02))
+        return random_below(random, plan->vertex_count);
+    return (triangle / 2 + strip[corner % 6]) % plan->vertex_count;
+}
+
+static void make_indices(struct random_input *input, struct random_plan *plan, struct random *random,
+                         struct geometry *geometry)
+{
+    uint32_t type = geometry->triangles.index_type, size = type == INDEX_UINT16 ? 2 : 4;
+    uint64_t bytes = plan->count ? plan->offset + (uint64_t)size * 3 * plan->count : 0;
+    unsigned char *buffer = random_input_buffer(input, bytes);
+    memset(buffer, 0xee, bytes);
+    for (uint32_t i = 0; i < 3 * plan->count; i++) {
+        plan->indices[i] = random_index(plan, i, random);
+        /* All numbers are little-endian. */
+        memcpy(buffer + plan->offset + (uint64_t)size * i, &plan->indices[i], size);
+    }
+    geometry->triangles.indices = (struct bytes){buffer, bytes};
+}
+
+static void mean(const struct random_plan *plan, struct random_meaning *ret_meaning)
+{
+    ret_meaning->count = plan->count;
+    ret_meaning->corners = random_input_zeroed(plan->count, sizeof *ret_meaning->corners);
+    ret_meaning->moved = plan->matrix != NULL;
+    for (uint32_t i = 0; i < 3 * plan->count; i++) {
+        float *corner = ret_meaning->corners[i / 3][i % 3];
+        random_format_decode(plan->format, plan->vertices + plan->stride * (plan->first_vertex + plan->indices[i]),
+                             corner);
+        if (plan->matrix)
+            apply(plan->matrix, corner);
+    }
+}
+
+static float *make_transform(struct random_input *input, struct random *random, struct geometry *geometry)
+{
+    if (!random_chance(random, 0.3))
+        return NULL;
+    uint32_t offset = 16 * random_below(random, 3);
+    unsigned char *bytes = random_input_buffer(input, offset + 48);
+    float matrix[12];
+    memset(bytes, 0xdd, offset);
+    random_matrix(random, matrix);
+    memcpy(bytes + offset, matrix, sizeof matrix);
+    geometry->triangles.transform = (struct bytes){bytes, offset + 48};
+    geometry->range.transform_offset = offset;
+    return (float *)(void *)(bytes + offset);
+}
+
+/* Makes the choices, and the description without its arrays. */
+static struct random_plan *make_plan(uint32_t count, struct random *random, struct geometry *ret_geometry)
+{
+    static const uint32_t index_types[] = {INDEX_NONE, INDEX_UINT16, INDEX_UINT32};
+    struct random_plan *plan = random_input_zeroed(1, sizeof *plan + 3 * (size_t)count * sizeof plan->indices[0]);
+    plan->format = random_format_any(random);
+    plan->count = count;
+    *ret_geometry = (struct geometry){.type = GEOMETRY_TRIANGLES, .flags = random_below(random, 4)};
+    uint32_t type = index_types[random_below(random, 3)];
+    uint32_t unit = type == INDEX_NONE ? random_format_unit(plan->format) : type == INDEX_UINT16 ? 2 : 4;
+    plan->stride = random_stride(plan->format, random);
+    plan->first_vertex = random_chance(random, 0.3) ? random_below(random, 20) : 0;
+    plan->offset = random_chance(random, 0.3) ? unit * random_below(random, 10) : 0;
+    plan->vertex_count = type == INDEX_NONE || !count ? 3 * count : 1 + random_below(random, 2 * count + 8);
+    plan->vertex_count = plan->vertex_count > 60000 ? 60000 : plan->vertex_count;
+    ret_geometry->triangles.vertex_format = plan->format->number;
+    ret_geometry->triangles.vertex_stride = plan->stride;
+    ret_geometry->triangles.index_type = type;
+    ret_geometry->range = (struct geometry_range){count, plan->offset, plan->first_vertex, 0};
+    return plan;
+}
+
+static void make(struct random_input *input, uint32_t index, uint32_t count, struct random *random)
+{
+    struct geometry *geometry = &input->geometries[index];
+    struct random_plan *plan = make_plan(count, random, geometry);
+    make_vertices(input, plan, random, geometry);
+    for (uint32_t i = 0; i < 3 * count; i++)
+        plan->indices[i] = i;
+    if (geometry->triangles.index_type != INDEX_NONE)
+        make_indices(input, plan, random, geometry);
+    plan->matrix = make_transform(input, random, geometry);
+    mean(plan, &input->meanings[index]);
+    input->plans[index] = plan;
+}
+
+static bool vertex_is_number(const struct random_plan *plan, uint32_t vertex)
+{
+    float position[3];
+    random_format_decode(plan->format, plan->vertices + plan->stride * (plan->first_vertex + vertex), position);
+    return !isnan(position[0]) && !isnan(position[1]) && !isnan(position[2]);
+}
+
+/* Vertices without NaNs change places. Where elements overlap, they would change others too, and stay. */
+static void move(struct random_input *input, uint32_t index, struct random *random)
+{
+    struct random_plan *plan = input->plans[index];
+    const uint64_t size = random_format_read_size(plan->format);
+    const uint32_t most = random_chance(random, 0.5) ? plan->vertex_count : 8;
+    unsigned char swap[24];
+    for (uint32_t i = 0; i < plan->vertex_count && plan->stride >= size; i++) {
+        const uint32_t k = (i + random_below(random, most)) % plan->vertex_count;
+        unsigned char *a = plan->vertices + plan->stride * (plan->first_vertex + i),
+                      *b = plan->vertices + plan->stride * (plan->first_vertex + k);
+        if (!vertex_is_number(plan, i) || !vertex_is_number(plan, k) || random_chance(random, 0.3))
+            continue;
+        memcpy(swap, a, size);
+        memcpy(a, b, size);
+        memcpy(b, swap, size);
+    }
+    if (plan->matrix && random_chance(random, 0.5))
+        random_matrix(random, plan->matrix);
+    free(input->meanings[index].corners);
+    mean(plan, &input->meanings[index]);
+}
+
+static struct random_fields fields(struct geometry *geometry)
+{
+    struct geometry_triangles *triangles = &geometry->triangles;
+    return (struct random_fields){
+        .array_count = 3,
+        .arrays = {&triangles->vertices, &triangles->indices, &triangles->transform},
+        .format = &triangles->vertex_format,
+        .index_type = &triangles->index_type,
+        .max_vertex = &triangles->max_vertex,
+        .stride = &triangles->vertex_stride,
+    };
+}
+
+static void blank(struct geometry *geometry, struct bytes bytes)
+{
+    geometry->triangles = (struct geometry_triangles){
+        .vertex_format = 106, .vertex_stride = 12, .index_type = INDEX_NONE, .vertices = bytes};
+}
+
+const struct random_kind random_triangles = {
+    .type = GEOMETRY_TRIANGLES, .make = make, .move = move, .fields = fields, .blank = blank};
