@@ -1,0 +1,284 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "tests/support/builder/random_judge.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+#include "client/bvhctl/oracle/rays.h"
+#include "tests/support/builder/box_judge.h"
+#include "tests/support/builder/random_kind.h"
+
+enum { RAYS = 200, VARIANT_STEP = 4 }; /* one ray in VARIANT_STEP is traced in more ways */
+
+/* ---- rays ---- */
+
+/* Aims exactly at a corner of a random triangle, where a traversal that is not watertight leaks. */
+static void aim_at_corner(const struct oracle_mesh *meshes, uint32_t mesh_count, struct random *random, struct ray *ray)
+{
+    const struct oracle_mesh *mesh = &meshes[random_below(random, mesh_count)];
+    if (!mesh->triangle_count || mesh->transform)
+        return;
+    const float *corner = mesh->positions + (uint64_t)3 * random_below(random, 3 * mesh->triangle_count);
+    float direction[3];
+    for (int axis = 0; axis < 3; axis++) {
+        direction[axis] = corner[axis] - ray->origin[axis];
+        if (!isfinite(direction[axis]))
+            return;
+    }
+    memcpy(ray->direction, direction, sizeof direction);
+}
+
+static void align_with_axis(struct random *random, struct ray *ray)
+{
+    int axis = (int)random_below(random, 3);
+    for (int i = 0; i < 3; i++)
+        ray->direction[i] = i != axis ? 0 : random_chance(random, 0.5) ? 1 : -1.0f;
+}
+
+static void make_rays(const struct oracle_mesh *meshes, uint32_t mesh_count, struct random *random,
+                      struct ray rays[RAYS])
+{
+    rays_make(meshes, mesh_count, random_next(random), RAYS, rays);
+    static const uint32_t flags[] = {0, 0, 0, RAY_CULL_BACK_FACING, RAY_CULL_FRONT_FACING};
+    uint32_t culling = flags[random_below(random, 5)],
+             mask = random_chance(random, 0.5) ? 0xff : random_below(random, 256);
+    for (uint32_t i = 0; i < RAYS; i++) {
+        rays[i].flags = culling;
+        rays[i].cull_mask = (uint8_t)mask;
+        if (i % 4 == 1 && mesh_count)
+            aim_at_corner(meshes, mesh_count, random, &rays[i]);
+        if (i % 16 == 3)
+            align_with_axis(random, &rays[i]);
+        if (i % 16 == 7) {
+            rays[i].tmin = (float)random_between(random, 0, 1);
+            rays[i].tmax = rays[i].tmin + (float)random_between(random, 0, 2);
+        }
+    }
+}
+
+/* ---- triangles: closest hit, any hit, either order, positions ---- */
+
+static bool hits_equal(const struct ray_hit *a, const struct ray_hit *b)
+{
+    return a->t == b->t && a->u == b->u && a->v == b->v && a->instance == b->instance && a->geometry == b->geometry &&
+           a->primitive == b->primitive && a->front_face == b->front_face;
+}
+
+/* Checks variants of the traversal that must not change the answer. */
+static void check_variants(struct random_run *run, const struct scene *scene, const struct ray *ray, bool is_hit,
+                           const struct ray_hit *hit)
+{
+    const struct traverse_options variants[] = {{.flip_order = true}, {.baseline_only = true}, {.exact_only = true}};
+    static const char *const names[] = {"flip_order", "baseline_only", "exact_only"};
+    struct ray_hit other;
+    for (int i = 0; i < 3; i++) {
+        bool is_other = traverse(scene, ray, &variants[i], &other, NULL);
+        if (is_other != is_hit || (is_hit && !hits_equal(hit, &other)))
+            random_run_fail(run, "%s changes the answer", names[i]);
+    }
+    if (run->native) {
+        bool is_other = lavapipe_traverse(run->native, ray, NULL, &other, NULL);
+        if (is_other != is_hit || (is_hit && !hits_equal(hit, &other)))
+            random_run_fail(run, "the native layout changes the answer");
+    }
+    struct ray any = *ray;
+    any.flags |= RAY_TERMINATE_ON_FIRST_HIT;
+    if (traverse(scene, &any, NULL, &other, NULL) != is_hit)
+        random_run_fail(run, "any hit says %d, closest hit %d", !is_hit, is_hit);
+}
+
+static void judge_ray(struct random_run *run, const struct scene *scene, const struct ray *ray,
+                      const struct oracle_answer *answer)
+{
+    static const char *const names[] = {"right", "undecided", "wrong miss", "wrong hit", "wrong primitive"};
+    struct ray_hit hit = {0};
+    bool is_hit = traverse(scene, ray, NULL, &hit, NULL);
+    enum oracle_verdict verdict = oracle_judge(answer, is_hit ? &hit : NULL, NULL);
+    run->rays++;
+    run->hits += is_hit;
+    run->uncertain += verdict == ORACLE_UNDECIDED;
+    if (verdict > ORACLE_UNDECIDED && !box_judge_is_beyond_floats(ray, answer->t_end))
+        random_run_fail(
+            run,
+            "%s: t %.9g instead of %.9g [%.9g, %.9g], primitive %u.%u.%u, ray (%a %a %a) + t (%a %a %a), %a .. %a, "
+            "flags %x",
+            names[verdict], (double)hit.t, answer->t, answer->t_low, answer->t_end, hit.instance, hit.geometry,
+            hit.primitive, (double)ray->origin[0], (double)ray->origin[1], (double)ray->origin[2],
+            (double)ray->direction[0], (double)ray->direction[1], (double)ray->direction[2], (double)ray->tmin,
+            (double)ray->tmax, ray->flags);
+    if (run->rays % VARIANT_STEP == 0)
+        check_variants(run, scene, ray, is_hit, &hit);
+}
+
+static void judge_rays(struct random_run *run, const struct scene *scene, const struct oracle_mesh *meshes,
+                       uint32_t mesh_count, struct ray rays[RAYS])
+{
+    struct oracle_answer answers[RAYS];
+    for (uint32_t i = 0; i < RAYS; i++)
+        rays[i].flags |= RAY_SKIP_AABBS;
+    struct bvhd_error error;
+    if (oracle_trace(meshes, mesh_count, rays, RAYS, &run->memory, &parallel_serial, NULL, NULL, answers, &error) !=
+        BVHD_OK) {
+        random_run_fail(run, "oracle: %s", error.text);
+        return;
+    }
+    for (uint32_t i = 0; i < RAYS; i++)
+        judge_ray(run, scene, &rays[i], &answers[i]);
+    oracle_finish(answers, RAYS, &run->memory);
+}
+
+static bool same_position(float a, float b, bool moved)
+{
+    return a == b || (a != a && b != b) || (moved && (nextafterf(a, b) == b));
+}
+
+/* Checks that the stored corners of a hit primitive are those that the request means. */
+static void check_positions(struct random_run *run, const struct scene *scene, const struct random_meaning *meanings,
+                            const struct ray *ray)
+{
+    struct ray_hit hit;
+    float corners[3][3];
+    if (!traverse(scene, ray, NULL, &hit, NULL) || hit.is_aabb)
+        return;
+    traverse_positions(scene, &hit, corners);
+    for (int i = 0; i < 9; i++)
+        if (!same_position(corners[i / 3][i % 3], meanings[hit.geometry].corners[hit.primitive][i / 3][i % 3],
+                           meanings[hit.geometry].moved)) {
+            random_run_fail(run, "positions of primitive %u.%u differ", hit.geometry, hit.primitive);
+            return;
+        }
+}
+
+/* ---- boxes: each box that is certainly hit is a candidate, and no box that is clearly missed ---- */
+
+struct found {
+    uint8_t *seen; /* indexed by geometry and primitive, numbered through all geometries */
+    const uint32_t *first;
+    uint32_t instance;
+};
+
+static enum candidate_verdict note_candidate(void *context, const struct ray *ray, const struct candidate_space *space,
+                                             struct ray_hit *hit)
+{
+    struct found *found = context;
+    (void)ray;
+    (void)space;
+    if (hit->is_aabb && hit->instance == found->instance)
+        found->seen[found->first[hit->geometry] + hit->primitive]++;
+    return CANDIDATE_IGNORE;
+}
+
+static void check_box(struct random_run *run, const struct box_judge *judge, const char *what, const float box[6],
+                      bool seen)
+{
+    const struct long_ray *ray = &judge->local;
+    const char *wrong = box_judge_find(judge, box, seen);
+    run->boxes++;
+    if (wrong)
+        random_run_fail(run, "%s: box (%a %a %a .. %a %a %a) is %s, ray (%La %La %La) + t (%La %La %La), %La .. %La",
+                        what, (double)box[0], (double)box[1], (double)box[2], (double)box[3], (double)box[4],
+                        (double)box[5], wrong, ray->origin[0], ray->origin[1], ray->origin[2], ray->direction[0],
+                        ray->direction[1], ray->direction[2], ray->tmin, ray->tmax);
+}
+
+static void check_boxes(struct random_run *run, const struct scene *scene, const struct random_input *bottom,
+                        const struct ray *ray, uint32_t instance, const float *matrix)
+{
+    uint32_t first[RANDOM_INPUT_GEOMETRIES + 1] = {0};
+    for (uint32_t g = 0; g < bottom->input.geometry_count; g++)
+        first[g + 1] = first[g] + bottom->meanings[g].count;
+    struct found found = {calloc(first[bottom->input.geometry_count] + 1, 1), first, instance};
+    struct traverse_options options = {.candidate = note_candidate, .context = &found};
+    struct ray only_boxes = *ray;
+    struct ray_hit hit;
+    only_boxes.flags = RAY_SKIP_TRIANGLES;
+    if (traverse(scene, &only_boxes, &options, &hit, NULL))
+        random_run_fail(run, "a candidate that was ignored is a hit");
+    struct box_judge judge;
+    box_judge_init(&judge, ray, matrix);
+    for (uint32_t g = 0; g < bottom->input.geometry_count; g++)
+        for (uint32_t i = 0; i < bottom->meanings[g].count; i++)
+            check_box(run, &judge, matrix ? "under a top level" : "bottom level", bottom->meanings[g].boxes[i],
+                      found.seen[first[g] + i]);
+    free(found.seen);
+}
+
+/* Makes something that rays can be aimed at: a triangle through opposite corners of each box. */
+static struct oracle_mesh boxes_as_triangles(const struct random_meaning *meaning)
+{
+    float *corners = calloc((size_t)meaning->count + 1, 9 * sizeof *corners);
+    for (uint32_t i = 0; i < meaning->count; i++) {
+        const float *box = meaning->boxes[i];
+        const float triangle[9] = {box[0], box[1], box[2], box[3], box[4], box[5], box[0], box[4], box[2]};
+        memcpy(corners + 9 * (size_t)i, triangle, sizeof triangle);
+    }
+    return (struct oracle_mesh){corners, NULL, meaning->count, NULL, RAY_NO_INSTANCE, 0};
+}
+
+/* ---- whole scenes ---- */
+
+static struct oracle_mesh mesh_of(const struct random_input *bottom, uint32_t geometry)
+{
+    const struct random_meaning *meaning = &bottom->meanings[geometry];
+    return (struct oracle_mesh){.positions = (const float *)meaning->corners,
+                                .triangle_count = meaning->count,
+                                .instance = RAY_NO_INSTANCE,
+                                .geometry = geometry};
+}
+
+static void judge_hits(struct random_run *run, const struct random_input *bottom, const struct scene *scene,
+                       struct random *random)
+{
+    struct oracle_mesh meshes[RANDOM_INPUT_GEOMETRIES] = {0};
+    struct ray rays[RAYS];
+    uint32_t count = bottom->input.geometry_count;
+    for (uint32_t g = 0; g < count; g++)
+        meshes[g] = mesh_of(bottom, g);
+    make_rays(meshes, count, random, rays);
+    judge_rays(run, scene, meshes, count, rays);
+    for (uint32_t i = 0; i < RAYS; i++)
+        check_positions(run, scene, bottom->meanings, &rays[i]);
+}
+
+static void judge_candidates(struct random_run *run, const struct random_input *bottom, const struct scene *scene,
+                             struct random *random)
+{
+    struct oracle_mesh meshes[RANDOM_INPUT_GEOMETRIES] = {0};
+    struct ray rays[RAYS];
+    uint32_t count = bottom->input.geometry_count;
+    for (uint32_t g = 0; g < count; g++)
+        meshes[g] = boxes_as_triangles(&bottom->meanings[g]);
+    make_rays(meshes, count, random, rays);
+    for (uint32_t i = 0; i < RAYS; i++)
+        check_boxes(run, scene, bottom, &rays[i], RAY_NO_INSTANCE, NULL);
+    for (uint32_t g = 0; g < count; g++)
+        free((void *)(uintptr_t)meshes[g].positions);
+}
+
+void random_judge_bottom(struct random_run *run, const struct random_input *bottom, const struct scene *scene,
+                         struct random *random)
+{
+    bool candidates = bottom->kind->are_candidates && bottom->input.geometry_count;
+    (candidates ? judge_candidates : judge_hits)(run, bottom, scene, random);
+}
+
+void random_judge_top(struct random_run *run, struct random_top *top, const struct scene *scene, struct random *random)
+{
+    struct ray rays[RAYS];
+    random_top_mean(top, 0xff);
+    make_rays(top->meshes, top->mesh_count, random, rays);
+    if (top->culling_disabled)
+        for (uint32_t i = 0; i < RAYS; i++)
+            rays[i].flags = 0;
+    uint32_t mask = rays[0].cull_mask;
+    random_top_mean(top, mask);
+    judge_rays(run, scene, top->meshes, top->mesh_count, rays);
+    for (uint32_t i = 0; i < top->instance_count; i++) {
+        const struct random_instance *instance = &top->instances[i];
+        const struct random_input *bottom = instance->bottom < 0 ? NULL : &top->bottoms[instance->bottom];
+        if (!bottom || !(instance->mask & mask) || !bottom->kind->are_candidates || !bottom->input.geometry_count)
+            continue;
+        for (uint32_t k = i % 8; k < RAYS; k += 8)
+            check_boxes(run, scene, bottom, &rays[k], i, instance->transform);
+    }
+}
