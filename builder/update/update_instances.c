@@ -45,7 +45,6 @@ static void boxes(const struct refit_records *records, uint32_t first, const uin
 }
 
 const struct update_kind update_instances = {
-    .member = "instances",
     .row_is_sound = update_row_is_plain,
     .active = active,
     .write = write,

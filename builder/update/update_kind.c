@@ -1,14 +1,16 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "builder/update/update_kind.h"
+#include "proto/base/kind.h"
 
 const struct update_kind *update_kind_of(uint32_t type)
 {
-    static const struct update_kind *const kinds[] = {
-        [GEOMETRY_TRIANGLES] = &update_triangles,
-        [GEOMETRY_AABBS] = &update_aabbs,
-        [GEOMETRY_INSTANCES] = &update_instances,
+    static const struct update_kind *const kinds[KIND_COUNT] = {
+        [KIND_TRIANGLES] = &update_triangles,
+        [KIND_AABBS] = &update_aabbs,
+        [KIND_INSTANCES] = &update_instances,
     };
-    return type < sizeof kinds / sizeof *kinds ? kinds[type] : NULL;
+    const struct kind *kind = kind_find(type);
+    return kind ? kinds[kind->number] : NULL;
 }
 
 bool update_row_is_plain(const struct record_geometry *row)

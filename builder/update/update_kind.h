@@ -36,8 +36,6 @@ struct refit_records {
 
 /* One kind of geometry. */
 struct update_kind {
-    const char *member; /* of a geometry in places, for example "triangles" */
-
     /* Returns whether an untrusted row can be that of such a geometry. */
     bool (*row_is_sound)(const struct record_geometry *row);
     /* The rules about fields that only this kind has. */

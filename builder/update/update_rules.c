@@ -5,6 +5,7 @@
 
 #include "builder/update/activity.h"
 #include "builder/update/update_kind.h"
+#include "proto/base/kind.h"
 
 static const struct update_rule header_rules[] = {
     {BVHD_VUID_03760, offsetof(struct record_header, type), "type"},
@@ -98,7 +99,7 @@ static enum bvhd_status report_activity(const struct update_comparison *comparis
     while (index >= rows[g].primitive_count)
         index -= rows[g++].primitive_count;
     const struct place where =
-        place("infos[%u].geometries[%u].%s[%u]", comparison->info, g, update_kind_of(rows[g].type)->member, index);
+        place("infos[%u].geometries[%u].%s[%u]", comparison->info, g, kind_find(rows[g].type)->member, index);
     return record_is_active(comparison->now, primitive)
                ? bvhd_error_rule(comparison->error, BVHD_VUID_03663, where.text,
                                  "it is active, but inactive in the source of the update")

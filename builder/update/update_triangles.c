@@ -132,7 +132,6 @@ static void boxes(const struct refit_records *records, uint32_t first, const uin
 }
 
 const struct update_kind update_triangles = {
-    .member = "triangles",
     .row_is_sound = row_is_sound,
     .rules = rules,
     .rule_count = sizeof rules / sizeof *rules,
