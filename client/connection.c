@@ -11,6 +11,7 @@
 enum {
     /* in one connection_receive, so that a daemon that never stops sending does not hold a thread for ever */
     READS_AT_ONCE = 64,
+    READ_AHEAD = 256 * 1024, /* some results that come inside frames */
     DEFAULT_CREDITS = 256, /* for a daemon that does not announce its credits */
 };
 
@@ -93,6 +94,7 @@ enum bvhd_status connection_create(const char *path, uint64_t now, struct connec
         return bvhd_error_no_memory(error, "connection", "no memory for it");
     *connection = (struct connection){.socket = -1, .opened_at = now, .heard_at = now};
     frame_parser_init(&connection->parser, &library_memory, FRAME_MAX_CONTROL, FRAME_MAX_INLINE);
+    frame_parser_read_ahead(&connection->parser, READ_AHEAD);
     exchange_table_init(&connection->table);
     enum bvhd_status status = open_socket(path, &connection->socket, error);
     if (status == BVHD_OK)

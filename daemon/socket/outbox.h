@@ -10,6 +10,9 @@
  * The kernel tells on request how much a client has not read yet, but it has no event for it. A socket with a small
  * send buffer is nearly as good: it becomes writable when almost everything was read. This is only a hint, so a caller
  * that waits for a client to read has to flush again after a while, too.
+ *
+ * Once a client has read a mebibyte or so, its socket gets a larger send buffer than usual, so that the loop can write
+ * many small results ahead of it.
  */
 #ifndef BVHD_OUTBOX_H
 #define BVHD_OUTBOX_H
@@ -37,6 +40,8 @@ struct outbox {
     uint32_t unread; /* descriptors sent that the client may not have read: an upper bound */
     uint64_t unread_sizes[OUTBOX_MAX_UNREAD]; /* the bytes behind them, oldest first */
     int outstanding; /* what the client had not read at the last check, in bytes as the kernel counts them */
+    uint64_t sent; /* bytes in all */
+    bool is_large; /* the socket has had its large send buffer */
     int send_buffer; /* the size of the socket's send buffer before it was made small; 0: it was not */
 };
 

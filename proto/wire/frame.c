@@ -57,6 +57,11 @@ void frame_parser_init(struct frame_parser *parser, struct memory *memory, uint3
     *parser = (struct frame_parser){.memory = memory, .max_control = max_control, .max_inline = max_inline};
 }
 
+void frame_parser_read_ahead(struct frame_parser *parser, uint64_t size)
+{
+    parser->ahead = size;
+}
+
 static void close_all(const int *descriptors, uint32_t count)
 {
     for (uint32_t i = 0; i < count; i++)
@@ -133,12 +138,16 @@ static uint64_t wanted_capacity(const struct frame_parser *parser, const struct 
     return wanted > have ? wanted : have + READ_AHEAD;
 }
 
-/* Returns the capacity of a buffer that has room for `wanted` bytes: there is none below READ_AHEAD. */
+/*
+ * Returns the capacity of a buffer that has room for `wanted` bytes: there is none below READ_AHEAD, and none between
+ * that and what the owner reads ahead.
+ */
 static uint64_t grown_capacity(const struct frame_parser *parser, uint64_t wanted)
 {
     if (parser->capacity >= wanted)
         return parser->capacity;
-    return wanted > READ_AHEAD ? wanted : READ_AHEAD;
+    uint64_t least = wanted > READ_AHEAD && parser->ahead > 0 ? parser->ahead : READ_AHEAD;
+    return wanted > least ? wanted : least;
 }
 
 uint64_t frame_parser_wanted(const struct frame_parser *parser)
@@ -171,7 +180,8 @@ static enum bvhd_status grow(struct frame_parser *parser, uint64_t wanted, struc
 
 static void shrink_when_empty(struct frame_parser *parser)
 {
-    if (parser->begin != parser->end || parser->capacity <= FRAME_KEEP)
+    uint64_t kept = parser->ahead > FRAME_KEEP ? parser->ahead : FRAME_KEEP;
+    if (parser->begin != parser->end || parser->capacity <= kept)
         return;
     memory_free(parser->memory, parser->buffer);
     parser->buffer = NULL;

@@ -81,6 +81,7 @@ struct frame {
 struct frame_parser {
     struct memory *memory;
     uint32_t max_control, max_inline;
+    uint64_t ahead; /* the size of a buffer that has to grow, at least; 0: as the frame needs */
     unsigned char *buffer;
     uint64_t capacity, begin, end; /* bytes [begin, end) of the buffer are not parsed yet */
     uint64_t fed; /* bytes of the stream that have arrived so far */
@@ -96,14 +97,20 @@ struct frame_parser {
  */
 void frame_parser_init(struct frame_parser *parser, struct memory *memory, uint32_t max_control, uint32_t max_inline);
 
+/*
+ * For a receiver of many large frames: the first frame that does not fit makes the buffer at least `size` bytes large,
+ * which it then stays, so that one read brings several frames. It is called before the first read.
+ */
+void frame_parser_read_ahead(struct frame_parser *parser, uint64_t size);
+
 /* Frees the buffer and closes the descriptors that no frame has claimed. NULL is allowed. */
 void frame_parser_finish(struct frame_parser *parser);
 
 /*
  * Returns the place for the next bytes from the socket: at least one byte, as many as the current frame still needs,
  * and some more if no frame is under way. The buffer grows only when a header has passed its checks, and only to the
- * size that this header announces. Call this when frame_parser_next finds no frame. BVHD_NO_MEMORY leaves everything as
- * it was; after a wrong frame the call returns that frame's status.
+ * size that this header announces or to that of frame_parser_read_ahead. Call this when frame_parser_next finds no
+ * frame. BVHD_NO_MEMORY leaves everything as it was; after a wrong frame the call returns that frame's status.
  */
 enum bvhd_status frame_parser_space(struct frame_parser *parser, unsigned char **ret_at, uint64_t *ret_size,
                                     struct bvhd_error *error);
@@ -120,9 +127,9 @@ enum bvhd_status frame_parser_feed(struct frame_parser *parser, uint64_t size, c
 
 /*
  * Takes the next complete frame; *ret_found says whether there is one. If there is none and no other has begun, a
- * buffer of more than FRAME_KEEP bytes is freed. BVHD_CORRUPT (magic, reserved fields, a
- * descriptor that no frame claims, a frame whose descriptors have not come) and BVHD_TOO_LARGE are final. `error` names
- * the field: "frame.magic".
+ * buffer of more than FRAME_KEEP bytes is freed, unless it is no larger than frame_parser_read_ahead wants it.
+ * BVHD_CORRUPT (magic, reserved fields, a descriptor that no frame claims, a frame whose descriptors have not come) and
+ * BVHD_TOO_LARGE are final. `error` names the field: "frame.magic".
  */
 enum bvhd_status frame_parser_next(struct frame_parser *parser, struct frame *ret_frame, bool *ret_found,
                                    struct bvhd_error *error);

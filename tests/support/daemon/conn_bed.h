@@ -54,6 +54,15 @@ static inline struct conn *bed_newest_conn(const struct bed *bed)
     return container_of(bed->group.all.first, struct conn, link);
 }
 
+/* The size of the send buffer of the connection that was opened last, as the kernel counts it. */
+static inline int bed_send_buffer(const struct bed *bed)
+{
+    int size = 0;
+    socklen_t length = sizeof size;
+    getsockopt(bed_newest_conn(bed)->socket, SOL_SOCKET, SO_SNDBUF, &size, &length);
+    return size;
+}
+
 /* Opens a connection and returns the client's end. */
 static inline struct bed_client *bed_connect(struct bed *bed, uint32_t uid)
 {

@@ -383,6 +383,30 @@ static void test_few_lines_for_stalled_clients(void **state)
     assert_non_null(strstr(second, " suppressed=30\n"));
 }
 
+/* Results that come inside frames: only a client that has read many of them gets a larger send buffer. */
+static void test_readers_of_much_get_a_larger_buffer(void **state)
+{
+    enum { RESULTS = 20 }; /* more than a mebibyte */
+    struct bed bed;
+    struct frame frame;
+    (void)state;
+    bed_open(&bed, NULL);
+    struct bed_client *client = bed_join(&bed, 1);
+    int before = 64 * 1024;
+    assert_int_equal(setsockopt(bed_newest_conn(&bed)->socket, SOL_SOCKET, SO_SNDBUF, &before, sizeof before), 0);
+    before = bed_send_buffer(&bed);
+    for (uint64_t i = 1; i <= RESULTS; i++)
+        bed_send(client, FRAME_STATS, i);
+    bed_pump(&bed, 20);
+    assert_int_equal(bed_send_buffer(&bed), before);
+    for (uint64_t i = 1; i <= RESULTS; i++) {
+        assert_true(bed_receive(&bed, client, &frame));
+        assert_int_equal(frame.header.request, i);
+    }
+    assert_true(bed_send_buffer(&bed) > before);
+    bed_close(&bed);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -402,6 +426,7 @@ int main(void)
         cmocka_unit_test(test_fails_while_sending),
         cmocka_unit_test(test_unfinished_frame_counts),
         cmocka_unit_test(test_unfinished_frame_of_the_broken),
+        cmocka_unit_test(test_readers_of_much_get_a_larger_buffer),
         cmocka_unit_test(test_few_lines_for_stalled_clients),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

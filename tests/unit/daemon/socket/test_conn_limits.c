@@ -16,21 +16,13 @@ static void use_up_descriptors(struct bed *bed, uint32_t left)
     assert_true(descriptors_take(descriptors, descriptors_left(descriptors) - left, 0));
 }
 
-static int send_buffer(const struct bed *bed)
-{
-    int size = 0;
-    socklen_t length = sizeof size;
-    getsockopt(bed_newest_conn(bed)->socket, SOL_SOCKET, SO_SNDBUF, &size, &length);
-    return size;
-}
-
 static void test_descriptors_in_order(void **state)
 {
     struct bed bed;
     (void)state;
     bed_open(&bed, NULL);
     struct bed_client *client = bed_join(&bed, 1);
-    int before = send_buffer(&bed);
+    int before = bed_send_buffer(&bed);
     bed_send(client, FRAME_GET, 50);
     bed_await(&bed, bed.service.sent >= 1 + OUTBOX_MAX_UNREAD);
     bed_pump(&bed, 5);
@@ -52,7 +44,7 @@ static void test_descriptors_in_order(void **state)
     /* The kernel has no event for what a client has read. */
     bed_await(&bed, bed.service.read_bytes >= 50 * 2 * BLOB_INLINE_MAX);
     assert_int_equal(bed.service.read_bytes, 50 * 2 * BLOB_INLINE_MAX);
-    assert_int_equal(send_buffer(&bed), before);
+    assert_int_equal(bed_send_buffer(&bed), before);
     bed_close(&bed);
 }
 

@@ -292,6 +292,37 @@ static void buffers_grow_and_shrink(void **state)
     stop(&parser);
 }
 
+/* The first frame that does not fit makes the buffer large, and it stays. One that is larger still is freed. */
+static void a_receiver_may_read_ahead(void **state)
+{
+    enum { AHEAD = 100000 };
+    static const uint32_t sizes[] = {100, 20000, 100, 150000, 100};
+    static const uint64_t wanted[] = {16 * 1024, AHEAD, AHEAD, 150032, 16 * 1024};
+    static const uint64_t kept[] = {16 * 1024, AHEAD, AHEAD, 0, 16 * 1024};
+    struct frame_parser parser;
+    (void)state;
+    start(&parser);
+    frame_parser_read_ahead(&parser, AHEAD);
+    for (size_t i = 0; i < sizeof sizes / sizeof sizes[0]; i++) {
+        unsigned char *at;
+        uint64_t size;
+        struct frames_stream *stream = empty_stream();
+        frames_add(stream, &(struct frame_header){.type = 3, .control_size = sizes[i], .request = i + 1});
+        assert_int_equal(feed(&parser, stream->bytes, FRAME_HEADER_SIZE, NULL, 0), BVHD_OK);
+        assert_int_equal(frame_parser_wanted(&parser), wanted[i]);
+        assert_int_equal(frame_parser_space(&parser, &at, &size, NULL), BVHD_OK);
+        assert_int_equal(memory.live, wanted[i]);
+        assert_true(size >= sizes[i]);
+        assert_int_equal(feed(&parser, stream->bytes + FRAME_HEADER_SIZE, stream->size - FRAME_HEADER_SIZE, NULL, 0),
+                         BVHD_OK);
+        struct frame frame = next(&parser);
+        frames_check(stream, 0, &frame);
+        expect_none(&parser);
+        assert_int_equal(memory.live, kept[i]);
+    }
+    stop(&parser);
+}
+
 /* Without memory everything stays as it was, and parsing goes on once there is memory. */
 static void failing_allocations_change_nothing(void **state)
 {
@@ -527,6 +558,7 @@ int main(void)
         cmocka_unit_test(wrong_bytes_are_refused_early),
         cmocka_unit_test(limits_are_the_receivers),
         cmocka_unit_test(buffers_grow_and_shrink),
+        cmocka_unit_test(a_receiver_may_read_ahead),
         cmocka_unit_test(failing_allocations_change_nothing),
         cmocka_unit_test(descriptors_arrive_with_any_byte),
         cmocka_unit_test(a_frame_is_complete_without_its_descriptors),
