@@ -11,7 +11,7 @@
 
 #ifdef BOXTEST_AVX2
 
-enum { ALONE = 2 }; /* up to ALONE rays go on alone */
+enum { ALONE = 1 }; /* up to ALONE rays go on alone; more share steps, since each would have to be prepared again */
 
 /* The planes of a node's children relative to the origins of the bundle: those that rays meet first, and last. */
 struct moved_planes {

@@ -1,8 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "builder/traverse/traverse_group.h"
 
+#include <math.h>
+
 /* Rays are of one kind if they have one octant, and all search any hit or all the closest. */
 enum { LANES = 8, KINDS = 16, PACKET_MIN = 3 };
+
+enum { TILE_ROW = 8 }; /* rays of a row of a tile of pixels */
 
 /*
  * A decision is made after GROUPS_FIRST groups in packets, and after GROUPS_AGAIN when packets are tried again. Up to
@@ -96,44 +100,6 @@ bool traverse_groups_pay(const struct traverse_stream *stream)
 }
 
 /*
- * After some groups, decides whether the next rays go alone: they do if their visits in packets cost clearly more than
- * the same visits by single rays. A small loss is better borne, since the next rays may cohere again. The longer
- * packets have not paid, the later they are tried again.
- */
-static void decide(struct traverse_stream *stream)
-{
-    if (++stream->groups < (stream->pause == 0 ? GROUPS_FIRST : GROUPS_AGAIN))
-        return;
-    if (8 * stream->visits_together >= 7 * stream->cost)
-        stream->pause = 0;
-    else if (stream->pause < ALONE_MAX)
-        stream->pause = stream->pause ? 2 * stream->pause : ALONE_FIRST;
-    stream->alone = stream->pause;
-    stream->groups = 0;
-    stream->visits_together = stream->cost = 0;
-}
-
-/* Traces the plain rays of each kind in packets. Returns the rays that are left. */
-static uint64_t trace_packets(struct group *group, uint64_t plain)
-{
-    uint8_t members[KINDS][TRAVERSE_GROUP], counts[KINDS] = {0};
-    uint64_t left = 0;
-    for (; plain != 0; plain &= plain - 1) {
-        const unsigned index = (unsigned)__builtin_ctzll(plain), kind = kind_of(&group->rays[index]);
-        members[kind][counts[kind]++] = (uint8_t)index;
-    }
-    for (unsigned kind = 0; kind < KINDS; kind++) {
-        unsigned at = 0;
-        for (; at + PACKET_MIN <= counts[kind]; at += LANES)
-            trace_packet(group, &members[kind][at], counts[kind] - at < LANES ? counts[kind] - at : LANES);
-        for (; at < counts[kind]; at++)
-            left |= UINT64_C(1) << members[kind][at];
-    }
-    decide(group->stream);
-    return left;
-}
-
-/*
  * Returns whether rays that go alone are best traced in turns. They lose a tenth by that in structures that the caches
  * of a core hold; in larger ones they gain up to a half. A ray that searches any hit waits twice for a node, for its
  * leaves and for its inner children, and finds what it needs early: it gains only where nodes come from memory.
@@ -147,6 +113,89 @@ static bool turns_pay(const struct scene *scene, bool is_any)
     const uint64_t size = (uint64_t)header->node_count * sizeof(struct unpacked_node) +
                           (uint64_t)header->record_count * sizeof(struct portable_triangle);
     return size >= (is_any ? ALL_CACHES : CORE_CACHES);
+}
+
+/*
+ * Returns whether packets paid: whether their visits cost at most slightly more than the same visits by single rays. A
+ * small loss is better borne, since the next rays may cohere again. Rays that take turns need less time for a visit,
+ * because a packet waits for memory: there packets have to save a fifth.
+ */
+static bool packets_paid(const struct traverse_stream *stream)
+{
+    return 8 * stream->visits_together >= (turns_pay(stream->scene, false) ? 10 : 7) * stream->cost;
+}
+
+/*
+ * After some groups, decides whether the next rays go alone. The longer packets have not paid, the later they are tried
+ * again.
+ */
+static void decide(struct traverse_stream *stream)
+{
+    if (++stream->groups < (stream->pause == 0 ? GROUPS_FIRST : GROUPS_AGAIN))
+        return;
+    if (packets_paid(stream))
+        stream->pause = 0;
+    else if (stream->pause < ALONE_MAX)
+        stream->pause = stream->pause ? 2 * stream->pause : ALONE_FIRST;
+    stream->alone = stream->pause;
+    stream->groups = 0;
+    stream->visits_together = stream->cost = 0;
+}
+
+/* Returns how far apart the rays of a group begin that are `step` places apart, and in *ret_turned their directions. */
+static float spread_of(const struct ray *rays, unsigned step, float *ret_turned)
+{
+    float moved = 0, turned = 0;
+    for (unsigned i = 0; i < TRAVERSE_GROUP; i += TRAVERSE_GROUP / 4)
+        for (int axis = 0; axis < 3; axis++) {
+            moved += fabsf(rays[i + step].origin[axis] - rays[i].origin[axis]);
+            turned += fabsf(rays[i + step].direction[axis] - rays[i].direction[axis]);
+        }
+    *ret_turned = turned;
+    return moved;
+}
+
+/*
+ * Returns whether a group looks like a tile of pixels, of 8 in a row: then the ray 8 places on, which is that of the
+ * pixel below, is nearer than the ray 4 places on. Rays that begin at one point are compared by their directions.
+ */
+static bool is_tile(const struct ray *rays, uint32_t count)
+{
+    float row_turned, half_turned;
+    if (count < TRAVERSE_GROUP)
+        return false;
+    const float row_moved = spread_of(rays, TILE_ROW, &row_turned),
+                half_moved = spread_of(rays, TILE_ROW / 2, &half_turned);
+    return row_moved < half_moved || (row_moved == half_moved && row_turned < half_turned);
+}
+
+/*
+ * Traces the plain rays of each kind in packets. Returns the rays that are left. A packet of a tile is 4 pixels wide
+ * and 2 high, since it meets fewer boxes than a row of 8.
+ */
+static uint64_t trace_packets(struct group *group, uint32_t count, uint64_t plain)
+{
+    enum { HALF = TILE_ROW / 2 };
+    const bool is_in_tile = is_tile(group->rays, count);
+    uint8_t members[KINDS][TRAVERSE_GROUP], counts[KINDS] = {0};
+    uint64_t left = 0;
+    for (unsigned i = 0; i < count; i++) {
+        const unsigned swapped = (i & ~(unsigned)(HALF | TILE_ROW)) | (i & HALF) << 1 | (i & TILE_ROW) >> 1;
+        const unsigned index = is_in_tile ? swapped : i;
+        if (!(plain >> index & 1))
+            continue;
+        const unsigned kind = kind_of(&group->rays[index]);
+        members[kind][counts[kind]++] = (uint8_t)index;
+    }
+    for (unsigned kind = 0; kind < KINDS; kind++) {
+        unsigned at = 0;
+        for (; at + PACKET_MIN <= counts[kind]; at += LANES)
+            trace_packet(group, &members[kind][at], counts[kind] - at < LANES ? counts[kind] - at : LANES);
+        for (; at < counts[kind]; at++)
+            left |= UINT64_C(1) << members[kind][at];
+    }
+    decide(group->stream);
+    return left;
 }
 
 /* Returns those of the rays that are best traced in turns. */
@@ -186,7 +235,7 @@ uint64_t traverse_group(struct traverse_stream *stream, const struct ray *rays, 
         plain |= (uint64_t)is_plain(&rays[i]) << i;
     left = all & ~plain;
     if (stream->alone == 0)
-        plain = trace_packets(&group, plain);
+        plain = trace_packets(&group, count, plain);
     else
         stream->alone -= count < stream->alone ? count : stream->alone;
     const uint64_t turns = choose_turns(&group, plain);

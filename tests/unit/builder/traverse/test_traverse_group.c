@@ -434,6 +434,43 @@ static void rays_without_coherence_go_alone(void **state)
     bed_close(&bed);
 }
 
+/* Makes the ray of a pixel of a tile: all from one point, or side by side in one direction. */
+static struct ray tile_ray(uint32_t pixel, bool is_parallel)
+{
+    const float x = (float)(pixel % 8), y = (float)(pixel / 8);
+    struct ray ray = {
+        .origin = {0, 0, -30}, .direction = {1e-2f * x, 1e-2f * y, 1}, .tmax = FLT_MAX, .cull_mask = 0xff};
+    if (is_parallel)
+        ray = (struct ray){
+            .origin = {0.3f * x, 0.3f * y, -30}, .direction = {0.1f, 0.1f, 1}, .tmax = FLT_MAX, .cull_mask = 0xff};
+    return ray;
+}
+
+/* Packets of a tile are blocks of pixels: they cost what they cost if the blocks come one after the other. */
+static void tiles_are_traced_in_blocks(void **state)
+{
+    struct bed bed;
+    (void)state;
+    bed_open(&bed, soup, 0, QUALITY_BALANCED);
+    bed_unpack(&bed);
+    for (int is_parallel = 0; is_parallel < 2; is_parallel++) {
+        struct ray tile[TRAVERSE_GROUP], blocks[TRAVERSE_GROUP];
+        struct ray_hit hits[TRAVERSE_GROUP];
+        struct traverse_stream of_tile = {.scene = &bed.unpacked}, of_blocks = {.scene = &bed.unpacked};
+        for (uint32_t i = 0; i < TRAVERSE_GROUP; i++) {
+            const uint32_t block = i / 8, column = block % 2 * 4 + i % 4, row = block / 2 * 2 + i / 4 % 2;
+            tile[i] = tile_ray(i, is_parallel);
+            blocks[i] = tile_ray(8 * row + column, is_parallel);
+        }
+        const uint64_t is_hit = traverse_group(&of_tile, tile, TRAVERSE_GROUP, hits);
+        assert_true(is_hit != 0);
+        traverse_group(&of_blocks, blocks, TRAVERSE_GROUP, hits);
+        assert_int_equal(of_tile.cost, of_blocks.cost);
+        assert_int_equal(of_tile.visits_together, of_blocks.visits_together);
+    }
+    bed_close(&bed);
+}
+
 /* Far from the origin of their space, where a float has few digits left, rays in packets visit no more nodes. */
 static void distance_from_the_origin_costs_no_visits(void **state)
 {
@@ -509,6 +546,7 @@ int main(void)
         cmocka_unit_test(instances_have_the_answers_of_single_rays),
         cmocka_unit_test(any_number_of_rays_has_the_answers_of_single_rays),
         cmocka_unit_test(rays_without_coherence_go_alone),
+        cmocka_unit_test(tiles_are_traced_in_blocks),
         cmocka_unit_test(distance_from_the_origin_costs_no_visits),
         cmocka_unit_test(boxes_hold_their_triangles),
     };
