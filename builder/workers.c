@@ -12,22 +12,25 @@
 #include "proto/base/clock.h"
 #include "proto/base/processor.h"
 
+enum { CACHE_LINE = 64, CALLS_PER_THREAD = 4 };
+
+/* Bits of a call's state; the others count the helpers: threads that run tasks of the call and are not its caller. */
+enum { CALL_TAKEN = 1 << 30, CALL_OPEN = 1 << 29, CALL_HELPERS = CALL_OPEN - 1 };
+
 /*
- * One call of for_each; it lives on its caller's stack. Fields without a comment do not change after the call is
- * posted.
+ * One call of for_each, or room for one. The calls of a pool are used again but not freed before the pool, so that a
+ * thread may look for work in a call that ends at the same time. A helper joins by counting itself, and leaves again if
+ * the call then is not open. Fields without a comment do not change while a call is open or has helpers.
  */
-struct for_each_call {
+struct call {
+    _Alignas(CACHE_LINE) atomic_uint state;
     parallel_task task;
     void *context;
     size_t count;
-    struct workers *workers;
-    struct for_each_call *parent; /* the call whose task made this one, if it runs on the same workers; else NULL */
-    atomic_size_t next; /* first task that has not been handed out; may exceed `count` */
-    atomic_uint helpers; /* workers that run tasks of this call; changed under the lock */
-    struct for_each_call *after; /* next in the list of open calls; under the lock */
-    bool waiting; /* the caller sleeps on `changed`; under the lock */
-    /* signalled when the last helper leaves, and when a task of this call posts a nested call */
-    pthread_cond_t changed;
+    struct workers *workers; /* never changes */
+    const struct call *parent; /* the call whose task made this one, if it runs on the same workers; else NULL */
+    /* tasks that have not been handed out; below 0 when threads have asked in vain; on a line of its own */
+    _Alignas(CACHE_LINE) atomic_llong left;
 };
 
 /* The interface that callers hold, and the way from it back to the workers. */
@@ -36,17 +39,23 @@ struct face {
     struct workers *workers;
 };
 
+/* Threads take the lock only to sleep, and to wake others. */
 struct workers {
     struct face face;
+    struct call *calls;
+    unsigned call_count;
+    atomic_uint calls_used; /* how many of the first calls have ever been taken */
+    /* changes when a call is opened, and at the end; free threads watch it before they sleep; on a line of its own */
+    _Alignas(CACHE_LINE) atomic_uint posted;
+    /* workers that sleep on `work`, and callers that sleep on `changed`; changed under the lock */
+    _Alignas(CACHE_LINE) atomic_uint sleepers;
+    atomic_uint waiters;
+    atomic_bool stop;
     pthread_mutex_t lock;
-    pthread_cond_t work; /* signalled when a call is posted, and when the workers have to stop */
+    pthread_cond_t work; /* signalled when a call is opened, and when the workers have to stop */
+    pthread_cond_t changed; /* signalled when the last helper leaves a call, and when a nested call is opened */
     pthread_cond_t ready; /* signalled when a thread has started */
     unsigned started; /* threads that have started; under the lock */
-    struct for_each_call *oldest; /* open calls in the order in which they were posted; under the lock */
-    unsigned sleepers; /* workers that wait on `work`; under the lock */
-    bool stop; /* under the lock */
-    /* changes when a call is posted, and at the end; free workers watch it before they sleep; changed under the lock */
-    atomic_uint posted;
     /* length of `threads`: one less than face.parallel.threads */
     unsigned thread_count;
     pthread_t threads[];
@@ -54,11 +63,11 @@ struct workers {
 
 /*
  * A thread spins before it sleeps, since the stages of a build follow each other within microseconds, and a sleep and a
- * wake-up cost about ten. It spins for as long as it has worked since it last slept, within these bounds: so the
- * threads of a large build are awake when its next stage begins, and small builds do not keep many threads busy for
- * nothing.
+ * wake-up cost ten, on virtual machines up to fifty. It spins for as long as it has worked since it last slept, within
+ * these bounds: so the threads of a large build are awake when its next stage begins, and small builds do not keep many
+ * threads busy for nothing. A thread that is woken too late to find a task still is there for the next stage.
  */
-enum { SPIN_LEAST_NS = 10000, SPIN_MOST_NS = 1000000, SPIN_ROUNDS = 32 };
+enum { SPIN_LEAST_NS = 50000, SPIN_MOST_NS = 1000000, SPIN_ROUNDS = 32 };
 
 struct spin {
     uint64_t end; /* by clock_ns */
@@ -66,7 +75,7 @@ struct spin {
 };
 
 /* The innermost call whose task this thread is running. */
-static _Thread_local struct for_each_call *current;
+static _Thread_local const struct call *current;
 
 static struct spin spin_after(uint64_t worked_ns)
 {
@@ -87,20 +96,26 @@ static bool spin_on(struct spin *spin)
     return clock_ns() < spin->end;
 }
 
-static void run_tasks(struct for_each_call *call)
+static const struct call *current_of(const struct workers *workers)
 {
-    struct for_each_call *outer = current;
+    return current && current->workers == workers ? current : NULL;
+}
+
+static void run_tasks(struct call *call)
+{
+    const struct call *outer = current;
+    const long long count = (long long)call->count;
     current = call;
     for (;;) {
-        size_t index = atomic_fetch_add_explicit(&call->next, 1, memory_order_relaxed);
-        if (index >= call->count)
+        long long left = atomic_fetch_sub_explicit(&call->left, 1, memory_order_relaxed);
+        if (left <= 0)
             break;
-        call->task(call->context, index);
+        call->task(call->context, (size_t)(count - left));
     }
     current = outer;
 }
 
-static bool descends_from(const struct for_each_call *call, const struct for_each_call *ancestor)
+static bool descends_from(const struct call *call, const struct call *ancestor)
 {
     for (call = call->parent; call; call = call->parent)
         if (call == ancestor)
@@ -108,148 +123,194 @@ static bool descends_from(const struct for_each_call *call, const struct for_eac
     return false;
 }
 
-/*
- * Returns the oldest open call with tasks left; with an ancestor, only a call that was made by the ancestor's tasks,
- * directly or not. The lock is held.
- */
-static struct for_each_call *find_work(struct workers *workers, const struct for_each_call *ancestor)
+static bool has_helpers(const struct call *call)
 {
-    for (struct for_each_call *call = workers->oldest; call; call = call->after)
-        if (atomic_load_explicit(&call->next, memory_order_relaxed) < call->count &&
-            (!ancestor || descends_from(call, ancestor)))
-            return call;
+    return atomic_load_explicit(&call->state, memory_order_acquire) & CALL_HELPERS;
+}
+
+/* Wakes the threads that sleep on a condition after what they check has changed. */
+static void wake_all(struct workers *workers, pthread_cond_t *condition)
+{
+    pthread_mutex_lock(&workers->lock);
+    pthread_cond_broadcast(condition);
+    pthread_mutex_unlock(&workers->lock);
+}
+
+/* The last helper of a closed call wakes its caller. The caller may use the call again at once. */
+static void leave(struct workers *workers, struct call *call)
+{
+    if (atomic_fetch_sub(&call->state, 1) == CALL_TAKEN + 1 && atomic_load(&workers->waiters) > 0)
+        wake_all(workers, &workers->changed);
+}
+
+/* Becomes a helper of the call if it is open and has tasks left. */
+static bool join(struct workers *workers, struct call *call)
+{
+    if (atomic_load_explicit(&call->left, memory_order_relaxed) <= 0)
+        return false;
+    if (atomic_fetch_add_explicit(&call->state, 1, memory_order_acquire) & CALL_OPEN)
+        return true;
+    leave(workers, call);
+    return false;
+}
+
+/*
+ * Runs tasks of one call of other threads; with an ancestor, only of a call that was made by the ancestor's tasks,
+ * directly or not. Returns false if there is none.
+ */
+static bool help(struct workers *workers, const struct call *ancestor)
+{
+    unsigned used = atomic_load_explicit(&workers->calls_used, memory_order_relaxed);
+    for (unsigned i = 0; i < used; i++) {
+        struct call *call = &workers->calls[i];
+        if (!join(workers, call))
+            continue;
+        bool suits = !ancestor || descends_from(call, ancestor);
+        if (suits)
+            run_tasks(call);
+        leave(workers, call);
+        if (suits)
+            return true;
+    }
+    return false;
+}
+
+/* Takes a call for the caller's use. Returns NULL if all are in use. */
+static struct call *take_call(struct workers *workers)
+{
+    for (unsigned i = 0; i < workers->call_count; i++) {
+        unsigned none = 0, used = atomic_load_explicit(&workers->calls_used, memory_order_relaxed);
+        struct call *call = &workers->calls[i];
+        if (atomic_load_explicit(&call->state, memory_order_relaxed) != 0 ||
+            !atomic_compare_exchange_strong_explicit(&call->state, &none, CALL_TAKEN, memory_order_acquire,
+                                                     memory_order_relaxed))
+            continue;
+        while (used <= i && !atomic_compare_exchange_weak_explicit(&workers->calls_used, &used, i + 1,
+                                                                   memory_order_relaxed, memory_order_relaxed))
+            continue;
+        return call;
+    }
     return NULL;
 }
 
-/* Runs tasks of another thread's call. The lock is held on entry and on return, but not while tasks run. */
-static void help(struct workers *workers, struct for_each_call *call)
+/* Opens a call for helpers, and wakes as many as it has tasks for. */
+static void post(struct workers *workers, struct call *call)
 {
-    atomic_fetch_add_explicit(&call->helpers, 1, memory_order_relaxed);
-    pthread_mutex_unlock(&workers->lock);
-    run_tasks(call);
+    const size_t others = call->count - 1;
+    const bool is_nested = call->parent;
+    atomic_store_explicit(&call->left, (long long)call->count, memory_order_relaxed);
+    atomic_fetch_or_explicit(&call->state, CALL_OPEN, memory_order_release);
+    atomic_fetch_add(&workers->posted, 1);
+    if (is_nested && atomic_load(&workers->waiters) > 0)
+        wake_all(workers, &workers->changed);
+    if (atomic_load(&workers->sleepers) == 0)
+        return;
     pthread_mutex_lock(&workers->lock);
-    if (atomic_fetch_sub_explicit(&call->helpers, 1, memory_order_release) == 1 && call->waiting)
-        pthread_cond_signal(&call->changed);
-}
-
-static void post(struct workers *workers, struct for_each_call *call)
-{
-    pthread_mutex_lock(&workers->lock);
-    struct for_each_call **end = &workers->oldest;
-    while (*end)
-        end = &(*end)->after;
-    *end = call;
-    atomic_fetch_add_explicit(&workers->posted, 1, memory_order_relaxed);
-    for (struct for_each_call *ancestor = call->parent; ancestor; ancestor = ancestor->parent)
-        if (ancestor->waiting)
-            pthread_cond_signal(&ancestor->changed);
-    unsigned sleepers = workers->sleepers;
+    unsigned sleepers = atomic_load(&workers->sleepers);
     pthread_mutex_unlock(&workers->lock);
-
-    if (sleepers >= call->count)
-        for (size_t i = 1; i < call->count; i++)
+    if (sleepers > others)
+        for (size_t i = 0; i < others; i++)
             pthread_cond_signal(&workers->work);
-    else if (sleepers > 0)
+    else
         pthread_cond_broadcast(&workers->work);
 }
 
-/* Closes the call: no helper can join it from here on. */
-static void withdraw(struct workers *workers, struct for_each_call *call)
+/* Spins until the last helper leaves, or a call is posted, which may be one to help with. Returns false if neither. */
+static bool spin_for_helpers(struct workers *workers, struct call *call, unsigned seen, uint64_t worked_ns)
 {
-    pthread_mutex_lock(&workers->lock);
-    struct for_each_call **link = &workers->oldest;
-    while (*link != call)
-        link = &(*link)->after;
-    *link = call->after;
-    pthread_mutex_unlock(&workers->lock);
-}
-
-/* Spins until the last helper leaves, or a call is posted, which may be one to help with. */
-static void spin_for_helpers(const struct workers *workers, const struct for_each_call *call, uint64_t worked_ns)
-{
-    unsigned seen = atomic_load_explicit(&workers->posted, memory_order_relaxed);
     struct spin spin = spin_after(worked_ns);
-    while (atomic_load_explicit(&call->helpers, memory_order_relaxed) > 0 &&
-           atomic_load_explicit(&workers->posted, memory_order_relaxed) == seen && spin_on(&spin))
-        continue;
+    do {
+        if (!has_helpers(call) || atomic_load_explicit(&workers->posted, memory_order_relaxed) != seen)
+            return true;
+    } while (spin_on(&spin));
+    return false;
 }
 
-static void wait_for_helpers(struct workers *workers, struct for_each_call *call, uint64_t worked_ns)
+static void sleep_for_helpers(struct workers *workers, struct call *call, unsigned seen)
 {
-    spin_for_helpers(workers, call, worked_ns);
     pthread_mutex_lock(&workers->lock);
-    while (atomic_load_explicit(&call->helpers, memory_order_acquire) > 0) {
-        struct for_each_call *below = find_work(workers, call);
-        if (below) {
-            help(workers, below);
-        } else {
-            call->waiting = true;
-            pthread_cond_wait(&call->changed, &workers->lock);
-            call->waiting = false;
-        }
-    }
+    atomic_fetch_add(&workers->waiters, 1);
+    while ((atomic_load(&call->state) & CALL_HELPERS) && atomic_load(&workers->posted) == seen)
+        pthread_cond_wait(&workers->changed, &workers->lock);
+    atomic_fetch_sub(&workers->waiters, 1);
     pthread_mutex_unlock(&workers->lock);
+}
+
+static void wait_for_helpers(struct workers *workers, struct call *call, uint64_t worked_ns)
+{
+    while (has_helpers(call)) {
+        unsigned seen = atomic_load_explicit(&workers->posted, memory_order_acquire);
+        if (!help(workers, call) && !spin_for_helpers(workers, call, seen, worked_ns))
+            sleep_for_helpers(workers, call, seen);
+    }
 }
 
 static void workers_for_each(const struct parallel *self, size_t count, parallel_task task, void *context)
 {
     struct workers *workers = ((const struct face *)self)->workers;
-    if (count <= 1 || workers->thread_count == 0) {
+    struct call *call = count > 1 && workers->thread_count > 0 ? take_call(workers) : NULL;
+    if (!call) {
         parallel_serial.for_each(&parallel_serial, count, task, context);
         return;
     }
-    struct for_each_call call = {
-        .task = task,
-        .context = context,
-        .count = count,
-        .workers = workers,
-        .parent = current && current->workers == workers ? current : NULL,
-        .changed = PTHREAD_COND_INITIALIZER,
-    };
-    post(workers, &call);
+    call->task = task;
+    call->context = context;
+    call->count = count;
+    call->parent = current_of(workers);
+    post(workers, call);
     uint64_t begin = clock_ns();
-    run_tasks(&call);
-    withdraw(workers, &call);
-    wait_for_helpers(workers, &call, clock_ns() - begin);
-    pthread_cond_destroy(&call.changed);
+    run_tasks(call);
+    atomic_fetch_and(&call->state, ~(unsigned)CALL_OPEN);
+    wait_for_helpers(workers, call, clock_ns() - begin);
+    atomic_fetch_and_explicit(&call->state, ~(unsigned)CALL_TAKEN, memory_order_release);
 }
 
-/* Spins, without the lock, until a call is posted or the time is over. */
-static void await_post(struct workers *workers, unsigned seen, uint64_t worked_ns)
+/* Spins until a call is posted. Returns false if none was. */
+static bool spin_for_post(struct workers *workers, unsigned seen, uint64_t worked_ns)
 {
     struct spin spin = spin_after(worked_ns);
-    while (atomic_load_explicit(&workers->posted, memory_order_relaxed) == seen && spin_on(&spin))
-        continue;
+    do {
+        if (atomic_load_explicit(&workers->posted, memory_order_relaxed) != seen)
+            return true;
+    } while (spin_on(&spin));
+    return false;
+}
+
+static void sleep_for_post(struct workers *workers, unsigned seen)
+{
+    pthread_mutex_lock(&workers->lock);
+    atomic_fetch_add(&workers->sleepers, 1);
+    while (atomic_load(&workers->posted) == seen)
+        pthread_cond_wait(&workers->work, &workers->lock);
+    atomic_fetch_sub(&workers->sleepers, 1);
+    pthread_mutex_unlock(&workers->lock);
+}
+
+static void note_start(struct workers *workers)
+{
+    pthread_mutex_lock(&workers->lock);
+    workers->started++;
+    pthread_cond_signal(&workers->ready);
+    pthread_mutex_unlock(&workers->lock);
 }
 
 static void *work_until_stopped(void *argument)
 {
     struct workers *workers = argument;
     uint64_t worked_ns = 0; /* since it last slept */
-    pthread_mutex_lock(&workers->lock);
-    workers->started++;
-    pthread_cond_signal(&workers->ready);
-    while (!workers->stop) {
-        struct for_each_call *call = find_work(workers, NULL);
-        if (call) {
-            uint64_t begin = clock_ns();
-            help(workers, call);
+    note_start(workers);
+    for (;;) {
+        unsigned seen = atomic_load_explicit(&workers->posted, memory_order_acquire);
+        uint64_t begin = clock_ns();
+        if (atomic_load_explicit(&workers->stop, memory_order_relaxed))
+            return NULL;
+        if (help(workers, NULL)) {
             worked_ns += clock_ns() - begin;
-            continue;
-        }
-        unsigned seen = atomic_load_explicit(&workers->posted, memory_order_relaxed);
-        pthread_mutex_unlock(&workers->lock);
-        await_post(workers, seen, worked_ns);
-        pthread_mutex_lock(&workers->lock);
-        if (atomic_load_explicit(&workers->posted, memory_order_relaxed) == seen && !workers->stop) {
-            workers->sleepers++;
-            pthread_cond_wait(&workers->work, &workers->lock);
-            workers->sleepers--;
+        } else if (!spin_for_post(workers, seen, worked_ns)) {
+            sleep_for_post(workers, seen);
             worked_ns = 0;
         }
     }
-    pthread_mutex_unlock(&workers->lock);
-    return NULL;
 }
 
 /*
@@ -282,6 +343,37 @@ static void await_start(struct workers *workers)
     pthread_mutex_unlock(&workers->lock);
 }
 
+/* Returns zeroed memory that begins a cache line, or NULL. */
+static void *allocate(size_t size)
+{
+    void *memory;
+    if (posix_memalign(&memory, CACHE_LINE, size) != 0)
+        return NULL;
+    return memset(memory, 0, size);
+}
+
+/* Returns a pool without threads, or NULL. */
+static struct workers *create_empty(unsigned threads)
+{
+    struct workers *workers = allocate(sizeof *workers + (threads - 1) * sizeof workers->threads[0]);
+    if (!workers)
+        return NULL;
+    workers->face = (struct face){{.threads = threads, .for_each = workers_for_each}, workers};
+    workers->call_count = CALLS_PER_THREAD * threads;
+    workers->calls = allocate(workers->call_count * sizeof *workers->calls);
+    if (!workers->calls) {
+        free(workers);
+        return NULL;
+    }
+    for (unsigned i = 0; i < workers->call_count; i++)
+        workers->calls[i].workers = workers;
+    pthread_mutex_init(&workers->lock, NULL);
+    pthread_cond_init(&workers->work, NULL);
+    pthread_cond_init(&workers->changed, NULL);
+    pthread_cond_init(&workers->ready, NULL);
+    return workers;
+}
+
 enum bvhd_status workers_create(unsigned threads, struct workers **ret_workers, struct bvhd_error *error)
 {
     if (threads > WORKERS_MAX_THREADS)
@@ -289,13 +381,9 @@ enum bvhd_status workers_create(unsigned threads, struct workers **ret_workers, 
                               WORKERS_MAX_THREADS);
     if (threads == 0)
         threads = processor_count() < WORKERS_MAX_THREADS ? processor_count() : WORKERS_MAX_THREADS;
-    struct workers *workers = calloc(1, sizeof *workers + (threads - 1) * sizeof workers->threads[0]);
+    struct workers *workers = create_empty(threads);
     if (!workers)
         return bvhd_error_no_memory(error, "threads", "no memory for %u threads", threads);
-    workers->face = (struct face){{.threads = threads, .for_each = workers_for_each}, workers};
-    pthread_mutex_init(&workers->lock, NULL);
-    pthread_cond_init(&workers->work, NULL);
-    pthread_cond_init(&workers->ready, NULL);
     int failure = start_threads(workers, threads - 1);
     if (failure) {
         workers_destroy(workers);
@@ -310,16 +398,16 @@ void workers_destroy(struct workers *workers)
 {
     if (!workers)
         return;
-    pthread_mutex_lock(&workers->lock);
-    workers->stop = true;
-    atomic_fetch_add_explicit(&workers->posted, 1, memory_order_relaxed); /* ends the spinning */
-    pthread_mutex_unlock(&workers->lock);
-    pthread_cond_broadcast(&workers->work);
+    atomic_store(&workers->stop, true);
+    atomic_fetch_add(&workers->posted, 1); /* ends the spinning */
+    wake_all(workers, &workers->work);
     for (unsigned i = 0; i < workers->thread_count; i++)
         pthread_join(workers->threads[i], NULL);
     pthread_cond_destroy(&workers->ready);
+    pthread_cond_destroy(&workers->changed);
     pthread_cond_destroy(&workers->work);
     pthread_mutex_destroy(&workers->lock);
+    free(workers->calls);
     free(workers);
 }
 

@@ -6,8 +6,9 @@
  * The tasks of a for_each call are handed out one by one, from an atomic counter, to the caller and to the workers that
  * are free. Tasks may call for_each themselves. A caller that has no task left to start, but whose last tasks still run
  * on other threads, helps with the nested calls of those tasks, and with no other calls. So nested calls use all
- * threads, and there is no deadlock. A free worker spins before it sleeps, for as long as it has
- * worked since it last slept, but at least ten microseconds and at most one millisecond. Workers block all signals.
+ * threads, and there is no deadlock. Where more calls are open at once than four for each thread, the latest run on
+ * their callers alone. A free worker spins before it sleeps, for as long as it has worked since it last slept, but at
+ * least 50 microseconds and at most one millisecond. Workers block all signals.
  */
 #ifndef BVHD_WORKERS_H
 #define BVHD_WORKERS_H

@@ -115,6 +115,19 @@ static void calls_nest(void **state)
     }
 }
 
+/* Two threads hold at most eight calls open, so that the calls below the eighth level run on their callers alone. */
+static void calls_nest_deeper_than_there_is_room(void **state)
+{
+    (void)state;
+    struct workers *workers = make(2);
+    atomic_uint leaves = 0;
+    struct nest nest = {workers_parallel(workers), 12, 2, &leaves};
+    parallel_for(nest.parallel, 2, descend, &nest);
+    assert_int_equal(leaves, 8192);
+    check_tally(nest.parallel, MOST_TASKS);
+    workers_destroy(workers);
+}
+
 struct late_call {
     const struct parallel *parallel;
     pthread_barrier_t barrier;
@@ -296,6 +309,7 @@ int main(void)
         cmocka_unit_test(every_task_runs_once),
         cmocka_unit_test(all_threads_work),
         cmocka_unit_test(calls_nest),
+        cmocka_unit_test(calls_nest_deeper_than_there_is_room),
         cmocka_unit_test(a_waiting_caller_helps),
         cmocka_unit_test(pools_call_each_other),
         cmocka_unit_test(several_threads_call_at_once),
