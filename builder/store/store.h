@@ -31,6 +31,7 @@
 #include "proto/base/bytes.h"
 #include "proto/base/key.h"
 #include "proto/base/memory.h"
+#include "proto/base/parallel.h"
 #include "proto/base/status.h"
 
 enum { STORE_SUMMARY_MAX = 4096, STORE_DESCRIPTORS = 6, STORE_REFRESH_SECONDS = 60 };
@@ -60,11 +61,11 @@ struct store_entry {
 
 /*
  * Takes an entry that is read: `begin` once, then `write` in order and in pieces of at most 64 KiB. `room` may return
- * memory for the next piece: the piece is read there, verified there, and given to `write`. After NULL it comes in
- * memory of the store, as the first piece always does. Nothing is verified until store_get returns BVHD_OK, except that
- * the file has room for entry->size bytes; the receiver therefore checks the summary as it checks other hostile bytes.
- * The summary is valid during `begin`. A status other than BVHD_OK ends the reading; with BVHD_CORRUPT the receiver
- * says that it cannot use the entry, which is then set aside.
+ * memory for the next piece, or for the next ones if it is asked for more than 64 KiB: they are read there, verified
+ * there, and given to `write`. After NULL they come in memory of the store, as the first piece always does. Nothing is
+ * verified until store_get returns BVHD_OK, except that the file has room for entry->size bytes; the receiver therefore
+ * checks the summary as it checks other hostile bytes. The summary is valid during `begin`. A status other than BVHD_OK
+ * ends the reading; with BVHD_CORRUPT the receiver says that it cannot use the entry, which is then set aside.
  */
 struct store_sink {
     enum bvhd_status (*begin)(struct store_sink *sink, const struct store_entry *entry, struct bvhd_error *error);
@@ -82,12 +83,12 @@ enum bvhd_status store_open(const struct store_options *options, struct memory *
 void store_close(struct store *store);
 
 /*
- * Reads an entry. BVHD_NOT_FOUND: there is none, or none that is whole; damage has been counted and set aside then.
- * Another status is the sink's, or says why the entry could not be read: BVHD_IO, BVHD_NO_MEMORY. After any status but
- * BVHD_OK the receiver throws away what it got.
+ * Reads an entry; a long one on half of the threads of `parallel`, up to 4. BVHD_NOT_FOUND: there is none, or none that
+ * is whole; damage has been counted and set aside then. Another status is the sink's, or says why the entry could not
+ * be read: BVHD_IO, BVHD_NO_MEMORY. After any status but BVHD_OK the receiver throws away what it got.
  */
-enum bvhd_status store_get(struct store *store, const struct key *key, struct store_sink *sink,
-                           struct bvhd_error *error);
+enum bvhd_status store_get(struct store *store, const struct key *key, const struct parallel *parallel,
+                           struct store_sink *sink, struct bvhd_error *error);
 
 /*
  * Writes an entry, and trims the store before that if there is no room for it. An entry of the same key is replaced.

@@ -16,10 +16,17 @@
 enum { HEAD = 8192 };
 _Static_assert((int)HEAD >= (int)ENTRY_HEAD_MAX, "the first piece has the whole header");
 
+/*
+ * Bytes that several threads read before the receiver is asked whether to go on, the fewest for which waking other
+ * threads pays, and the most threads that read one entry.
+ */
+enum { WINDOW = 4 << 20, WINDOW_MIN = 256 << 10, READERS_MOST = 4 };
+
 /* A file that is being read. */
 struct reading {
     struct store *store;
     struct store_sink *sink;
+    const struct parallel *parallel;
     char name[KEY_TEXT_SIZE];
     int shard, file; /* -1: not open */
     struct stat about;
@@ -90,21 +97,112 @@ static uint64_t smaller(uint64_t a, uint64_t b)
     return a < b ? a : b;
 }
 
+/*
+ * Pieces that several threads read to where they stay, each the next one that is left. One of the threads also hashes
+ * them, in their order.
+ */
+struct window {
+    const struct reading *reading;
+    struct entry_hash *hash;
+    unsigned char *room;
+    uint64_t offset, size;
+    uint64_t hashed; /* bytes from the start of the window on */
+    atomic_size_t taken; /* pieces that are read, or were */
+    atomic_bool is_read[WINDOW / STORE_PIECE];
+};
+
+static struct bytes piece_of(const struct window *window, size_t index)
+{
+    uint64_t at = (uint64_t)index * STORE_PIECE;
+    return (struct bytes){window->room + at, smaller(STORE_PIECE, window->size - at)};
+}
+
+/* Hashes the next piece. Returns false if it has not been read, or if there is none. */
+static bool hash_piece(struct window *window)
+{
+    size_t index = window->hashed / STORE_PIECE;
+    if (window->hashed == window->size || !atomic_load_explicit(&window->is_read[index], memory_order_acquire))
+        return false;
+    struct bytes piece = piece_of(window, index);
+    entry_hash_add(window->hash, piece);
+    window->hashed += piece.size;
+    return true;
+}
+
+/* Reads a piece. Returns false if none is left. */
+static bool take_piece(struct window *window)
+{
+    size_t index = atomic_fetch_add_explicit(&window->taken, 1, memory_order_relaxed);
+    uint64_t at = (uint64_t)index * STORE_PIECE, size;
+    if (at >= window->size)
+        return false;
+    uint64_t wanted = piece_of(window, index).size;
+    enum bvhd_status status = read_piece(window->reading, window->offset + at, wanted, window->room + at, &size, NULL);
+    atomic_store_explicit(&window->is_read[index], status == BVHD_OK && size == wanted, memory_order_release);
+    return true;
+}
+
+static void read_pieces(void *context, size_t task)
+{
+    struct window *window = context;
+    while ((task == 0 && hash_piece(window)) || take_piece(window))
+        continue;
+}
+
+static size_t readers_of(const struct parallel *parallel)
+{
+    return parallel->threads / 2 < READERS_MOST ? parallel->threads / 2 : READERS_MOST;
+}
+
+/*
+ * Reads and hashes the next pieces if several threads may do it. Returns how many bytes are hashed then. These are
+ * fewer than `size` if some cannot be read; reading the next one again says why.
+ */
+static uint64_t read_window(const struct reading *reading, struct entry_hash *hash, uint64_t offset, uint64_t size)
+{
+    struct window window = {.reading = reading, .hash = hash, .offset = offset, .size = size};
+    size_t readers = readers_of(reading->parallel);
+    if (readers < 2 || size < WINDOW_MIN)
+        return 0;
+    window.room = reading->sink->room(reading->sink, size);
+    if (!window.room)
+        return 0;
+    parallel_for(reading->parallel, readers, read_pieces, &window);
+    while (hash_piece(&window))
+        continue;
+    return window.hashed;
+}
+
+/* Reads one piece where the sink wants it, and hashes it. */
+static enum bvhd_status read_and_hash(const struct reading *reading, struct entry_hash *hash, uint64_t at,
+                                      unsigned char *ret_piece, uint64_t *ret_size, struct bvhd_error *error)
+{
+    uint64_t wanted = smaller(STORE_PIECE, (uint64_t)reading->about.st_size - at);
+    enum bvhd_status status = read_piece(reading, at, wanted, ret_piece, ret_size, error);
+    if (status == BVHD_OK && *ret_size == 0)
+        status = bvhd_error_set(error, BVHD_CORRUPT, reading->name, "the file has become shorter");
+    if (status == BVHD_OK)
+        entry_hash_add(hash, (struct bytes){ret_piece, *ret_size});
+    return status;
+}
+
 /* Hashes and passes on what follows the first piece, of which `at` bytes have been read. */
 static enum bvhd_status copy_rest(const struct reading *reading, struct entry_hash *hash, uint64_t at,
                                   struct bvhd_error *error)
 {
-    uint64_t end = (uint64_t)reading->about.st_size, size;
+    uint64_t end = (uint64_t)reading->about.st_size, hashed = at, size;
     for (; at < end; at += size) {
-        uint64_t wanted = smaller(STORE_PIECE, end - at);
-        unsigned char *room = reading->sink->room(reading->sink, wanted), *piece = room ? room : reading->piece;
-        enum bvhd_status status = read_piece(reading, at, wanted, piece, &size, error);
-        if (status == BVHD_OK && size == 0)
-            status = bvhd_error_set(error, BVHD_CORRUPT, reading->name, "the file has become shorter");
-        if (status != BVHD_OK)
-            return status;
-        entry_hash_add(hash, (struct bytes){piece, size});
-        status = reading->sink->write(reading->sink, piece, size, error);
+        enum bvhd_status status = BVHD_OK;
+        if (at == hashed)
+            hashed += read_window(reading, hash, at, smaller(WINDOW, end - at));
+        size = smaller(STORE_PIECE, (at < hashed ? hashed : end) - at);
+        unsigned char *room = reading->sink->room(reading->sink, size), *piece = room ? room : reading->piece;
+        if (at == hashed) {
+            status = read_and_hash(reading, hash, at, piece, &size, error);
+            hashed += size;
+        }
+        if (status == BVHD_OK)
+            status = reading->sink->write(reading->sink, piece, size, error);
         if (status != BVHD_OK)
             return status;
     }
@@ -178,10 +276,10 @@ static enum bvhd_status finish(struct reading *reading, enum bvhd_status status,
     return status;
 }
 
-enum bvhd_status store_get(struct store *store, const struct key *key, struct store_sink *sink,
-                           struct bvhd_error *error)
+enum bvhd_status store_get(struct store *store, const struct key *key, const struct parallel *parallel,
+                           struct store_sink *sink, struct bvhd_error *error)
 {
-    struct reading reading = {.store = store, .sink = sink, .shard = -1, .file = -1};
+    struct reading reading = {.store = store, .sink = sink, .parallel = parallel, .shard = -1, .file = -1};
     enum bvhd_status status = open_file(&reading, key, error);
     if (status == BVHD_OK)
         status = read_entry(&reading, key, error);

@@ -155,12 +155,12 @@ static enum bvhd_status finish(struct reading *reading, const struct key *key, s
     return BVHD_OK;
 }
 
-static enum bvhd_status read_entry(struct disk *disk, const struct key *key, const atomic_bool *cancel,
-                                   struct blob **ret_blob, struct bvhd_error *error)
+static enum bvhd_status read_entry(struct disk *disk, const struct key *key, const struct parallel *parallel,
+                                   const atomic_bool *cancel, struct blob **ret_blob, struct bvhd_error *error)
 {
     struct reading reading = {.sink = {begin, room, append}, .cancel = cancel, .ready = disk->ready};
     blob_writer_init(&reading.writer, disk->account);
-    enum bvhd_status status = store_get(disk->store, key, &reading.sink, error);
+    enum bvhd_status status = store_get(disk->store, key, parallel, &reading.sink, error);
     if (status == BVHD_OK)
         return finish(&reading, key, ret_blob, error);
     blob_writer_discard(&reading.writer);
@@ -174,13 +174,13 @@ static enum bvhd_status end_reading(struct disk *disk, enum bvhd_status status)
     return status;
 }
 
-enum bvhd_status disk_read(struct disk *disk, const struct key *key, const atomic_bool *cancel, struct blob **ret_blob,
-                           struct bvhd_error *error)
+enum bvhd_status disk_read(struct disk *disk, const struct key *key, const struct parallel *parallel,
+                           const atomic_bool *cancel, struct blob **ret_blob, struct bvhd_error *error)
 {
     enum bvhd_status status = BVHD_BUSY;
     if (take_descriptors(disk->account, error)) {
         ready_memfds_enter(disk->ready);
-        status = read_entry(disk, key, cancel, ret_blob, error);
+        status = read_entry(disk, key, parallel, cancel, ret_blob, error);
         ready_memfds_leave(disk->ready);
         give_descriptors(disk->account);
     }
@@ -244,7 +244,7 @@ static enum bvhd_status read_record(struct disk *disk, const struct key *key, st
     struct key own;
     enum bvhd_status status = content_key_of_record(key, &own, error);
     if (status == BVHD_OK)
-        status = store_get(disk->store, &own, &reading->sink, error);
+        status = store_get(disk->store, &own, &parallel_serial, &reading->sink, error);
     if (status != BVHD_OK)
         memory_free(reading->memory, reading->bytes);
     return status;

@@ -41,11 +41,12 @@ enum { DISK_CLOSE_MS = 5000 };
 void disk_close(struct disk *disk);
 
 /*
- * Reads the result of a key into a new blob with one ref, and verifies it. Blocks: for workers. BVHD_NOT_FOUND;
+ * Reads the result of a key into a new blob with one ref, and verifies it; a long one on several of the threads of
+ * `parallel` (store_get). Blocks: for workers. BVHD_NOT_FOUND;
  * BVHD_CANCELLED after `cancel` was set; BVHD_BUSY without free descriptors; BVHD_NO_MEMORY; BVHD_IO.
  */
-enum bvhd_status disk_read(struct disk *disk, const struct key *key, const atomic_bool *cancel, struct blob **ret_blob,
-                           struct bvhd_error *error);
+enum bvhd_status disk_read(struct disk *disk, const struct key *key, const struct parallel *parallel,
+                           const atomic_bool *cancel, struct blob **ret_blob, struct bvhd_error *error);
 
 /*
  * Prepares memory for the next results that are read, which takes a while, on a thread. To be called when those that

@@ -485,8 +485,8 @@ static void start_build(struct memory_waiter *waiter)
 static void look_run(struct pool_job *job, const struct parallel *parallel)
 {
     struct flight *flight = flight_of_job(job);
-    (void)parallel;
-    flight->status = disk_read(flight->flights->disk, &flight->key, &job->cancel, &flight->blob, &flight->error);
+    flight->status =
+        disk_read(flight->flights->disk, &flight->key, parallel, &job->cancel, &flight->blob, &flight->error);
 }
 
 static void count_lookup(struct flight *flight)

@@ -102,7 +102,7 @@ enum bvhd_status update_source_find(struct update_source *source, const struct k
                                     const atomic_bool *cancel, struct bvhd_error *error)
 {
     if (!source->blob && source->disk) {
-        enum bvhd_status status = disk_read(source->disk, key, cancel, &source->blob, error);
+        enum bvhd_status status = disk_read(source->disk, key, &parallel_serial, cancel, &source->blob, error);
         if (is_shortage_or_cancelled(status))
             return status;
         source->is_read = status == BVHD_OK;

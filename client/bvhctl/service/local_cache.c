@@ -79,7 +79,7 @@ static bool read_entry(struct local_cache *cache, const struct key *key, struct 
 {
     struct bvhd_error error;
     reading->sink = (struct store_sink){begin, room, take};
-    enum bvhd_status status = store_get(cache->store, key, &reading->sink, &error);
+    enum bvhd_status status = store_get(cache->store, key, &parallel_serial, &reading->sink, &error);
     if (status == BVHD_OK)
         return true;
     memory_free(reading->memory, reading->bytes);

@@ -96,6 +96,9 @@ static inline void bed_put(uint32_t number, uint64_t size)
     assert_int_equal(bed_try_put(number, size, &error), BVHD_OK);
 }
 
+/* Threads for reading. */
+static const struct parallel *bed_parallel = &parallel_serial;
+
 /* Takes an entry into memory. */
 struct bed_sink {
     struct store_sink sink;
@@ -121,7 +124,7 @@ static inline enum bvhd_status bed_sink_begin(struct store_sink *sink, const str
 static inline unsigned char *bed_sink_room(struct store_sink *sink, uint64_t size)
 {
     struct bed_sink *bed = (struct bed_sink *)sink;
-    assert_true(size > 0 && size <= STORE_PIECE && size <= bed->size - bed->got);
+    assert_true(size > 0 && size <= bed->size - bed->got);
     return bed->has_no_room ? NULL : bed->bytes + bed->got;
 }
 
@@ -141,7 +144,7 @@ static inline enum bvhd_status bed_get(uint32_t number, struct bvhd_error *error
 {
     struct bed_sink sink = {.sink = {bed_sink_begin, bed_sink_room, bed_sink_write}};
     struct key key = bed_key(number);
-    enum bvhd_status status = store_get(bed_store, &key, &sink.sink, error);
+    enum bvhd_status status = store_get(bed_store, &key, bed_parallel, &sink.sink, error);
     if (status == BVHD_OK) {
         char summary[32];
         snprintf(summary, sizeof summary, "entry %u", number);

@@ -111,7 +111,8 @@ static void a_receiver_may_refuse(void **state)
         enum bvhd_status status = at < 2 ? BVHD_NO_MEMORY : BVHD_CORRUPT;
         struct bed_sink sink = {.sink = {bed_sink_begin, bed_sink_room, bed_sink_write}};
         *(at % 2 ? &sink.begin_status : &sink.write_status) = status;
-        assert_int_equal(store_get(bed_store, &key, &sink.sink, &error), at < 2 ? BVHD_NO_MEMORY : BVHD_NOT_FOUND);
+        assert_int_equal(store_get(bed_store, &key, bed_parallel, &sink.sink, &error),
+                         at < 2 ? BVHD_NO_MEMORY : BVHD_NOT_FOUND);
         assert_non_null(strstr(error.text, "refused"));
         assert_int_equal(store_state(bed_store).damaged, at < 2 ? 0 : at - 1);
         free(sink.bytes);
@@ -131,7 +132,7 @@ static void a_receiver_may_have_no_room(void **state)
     bed_put(1, 300000);
     for (int i = 0; i < 2; i++) {
         struct bed_sink sink = {.sink = {bed_sink_begin, bed_sink_room, bed_sink_write}, .has_no_room = i == 1};
-        assert_int_equal(store_get(bed_store, &key, &sink.sink, &error), BVHD_OK);
+        assert_int_equal(store_get(bed_store, &key, bed_parallel, &sink.sink, &error), BVHD_OK);
         assert_int_equal(sink.got, 300000);
         bytes[i] = sink.bytes;
     }
@@ -167,7 +168,7 @@ static enum bvhd_status get_while(enum bvhd_status (*begin)(struct store_sink *,
     struct bed_sink sink = {.sink = {begin, bed_sink_room, bed_sink_write}};
     struct key key = bed_key(1);
     struct bvhd_error error = {0};
-    enum bvhd_status status = store_get(bed_store, &key, &sink.sink, &error);
+    enum bvhd_status status = store_get(bed_store, &key, bed_parallel, &sink.sink, &error);
     free(sink.bytes);
     return status;
 }
@@ -185,6 +186,68 @@ static void files_may_change_meanwhile(void **state)
     assert_int_equal(get_while(mend), BVHD_NOT_FOUND);
     assert_int_equal(store_state(bed_store).damaged, 2);
     assert_true(bed_has(1));
+}
+
+/* The most threads that read one entry. */
+enum { READERS = 4 };
+
+struct bed_call {
+    parallel_task task;
+    void *context;
+    size_t index;
+};
+
+static void *run_call(void *argument)
+{
+    const struct bed_call *call = argument;
+    call->task(call->context, call->index);
+    return NULL;
+}
+
+/* Each task runs on a thread of its own. */
+static void run_on_threads(const struct parallel *self, size_t count, parallel_task task, void *context)
+{
+    pthread_t threads[READERS];
+    struct bed_call calls[READERS];
+    assert_int_equal(count, self->threads < 2 * READERS ? self->threads / 2 : READERS);
+    for (size_t i = 0; i < count; i++) {
+        calls[i] = (struct bed_call){task, context, i};
+        assert_int_equal(pthread_create(&threads[i], NULL, run_call, &calls[i]), 0);
+    }
+    for (size_t i = 0; i < count; i++)
+        pthread_join(threads[i], NULL);
+}
+
+/* Entries below, at and above the limits of what is read at a time, whole, damaged at their ends, and shortened. */
+static void several_threads_may_read(void **state)
+{
+    static const uint32_t sizes[] = {100, 200000, 270000, (4 << 20) - 100, (4 << 20) + 9000, 9500000};
+    uint32_t damaged = 0;
+    (void)state;
+    for (unsigned count = 4; count <= 4 * READERS; count *= 2) {
+        const struct parallel threads = {count, run_on_threads};
+        bed_parallel = &threads;
+        for (size_t i = 0; i < sizeof sizes / sizeof sizes[0]; i++) {
+            bed_put(1, sizes[i]);
+            assert_true(bed_has(1));
+            damage(1, sizes[i]);
+            assert_false(bed_has(1));
+            assert_int_equal(store_state(bed_store).damaged, ++damaged);
+        }
+        bed_put(1, 3500000);
+        assert_int_equal(get_while(shorten), BVHD_NOT_FOUND);
+        assert_int_equal(store_state(bed_store).damaged, ++damaged);
+    }
+    bed_parallel = &parallel_serial;
+}
+
+/* The bytes are the same then, also for a receiver without room. */
+static void several_threads_read_the_same(void **state)
+{
+    static const struct parallel threads = {2 * READERS, run_on_threads};
+    bed_parallel = &threads;
+    a_receiver_may_have_no_room(state);
+    bed_parallel = &parallel_serial;
 }
 
 static time_t time_of(uint32_t number)
@@ -223,6 +286,8 @@ int main(void)
         cmocka_unit_test_setup_teardown(a_receiver_may_have_no_room, bed_begin, bed_end),
         cmocka_unit_test_setup_teardown(a_receiver_may_refuse, bed_begin, bed_end),
         cmocka_unit_test_setup_teardown(files_may_change_meanwhile, bed_begin, bed_end),
+        cmocka_unit_test_setup_teardown(several_threads_may_read, bed_begin, bed_end),
+        cmocka_unit_test_setup_teardown(several_threads_read_the_same, bed_begin, bed_end),
         cmocka_unit_test_setup_teardown(a_hit_refreshes_the_time, bed_begin, bed_end),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
