@@ -3,7 +3,7 @@
 
 #include "builder/kernel/bins.h"
 
-enum { LARGE = 4096, CHUNK_LEAST = 1024, CHUNKS_MOST = 16 };
+enum { LARGE = 2048, CHUNK_LEAST = 512, CHUNKS_MOST = 16 };
 
 /* The result of one task about its refs. */
 struct chunk {

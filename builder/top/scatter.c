@@ -62,7 +62,7 @@ struct sampling {
     const struct scatter *s;
     uint32_t step;
     float outsize;
-    struct primitive_ref *sample, *spare; /* two arrays of the same size, in one block */
+    struct primitive_ref *sample, *spare; /* in one block; the spare room is twice as large */
     struct sample_part *parts; /* for each chunk */
 };
 
@@ -134,7 +134,7 @@ static enum bvhd_status find_planes(struct scatter *s)
         scatter_plan_make(NULL, NULL, 0, 0, s->parallel, &s->plan);
         return BVHD_OK;
     }
-    sampling.sample = memory_array(s->memory, 2 * ((uint64_t)size + 1), sizeof *sampling.sample);
+    sampling.sample = memory_array(s->memory, 3 * ((uint64_t)size + 1), sizeof *sampling.sample);
     sampling.parts = memory_array(s->memory, s->chunk_count, sizeof *sampling.parts);
     bool has_room = sampling.sample && sampling.parts;
     if (has_room) {

@@ -11,6 +11,7 @@ enum { APART = 1024 };
 /* A range of the sample that is still to be divided. */
 struct sample_range {
     struct primitive_ref *refs;
+    struct primitive_ref *spare; /* room for as many refs, for the root for twice as many; NULL: there is none */
     uint32_t node, count;
 };
 
@@ -18,7 +19,6 @@ struct sample_range {
 struct planning {
     struct scatter_node nodes[SCATTER_NODES_MAX];
     const struct parallel *parallel;
-    struct primitive_ref *spare; /* room for the whole sample; NULL: there is none */
     uint32_t enough;
     _Atomic uint32_t node_count;
     atomic_bool full; /* more nodes were wanted than fit */
@@ -29,14 +29,15 @@ static bool split_range(struct planning *planning, const struct sample_range *ra
                         struct sample_range ret_children[2])
 {
     const struct parallel *parallel = planning->parallel;
-    struct primitive_ref *refs = range->refs;
+    struct primitive_ref *refs = range->refs, *spare = range->spare;
     struct sample_plane plane;
     uint32_t left;
     if (!sample_plane_find(refs, range->count, parallel, &plane))
         return false;
-    if (range->node == 0 && planning->spare && sample_is_large(range->count, parallel)) {
-        refs = planning->spare;
-        left = sample_divide_into(range->refs, range->count, &plane, parallel, refs);
+    if (spare && sample_is_large(range->count, parallel)) {
+        left = sample_divide_into(refs, range->count, &plane, parallel, spare);
+        refs = range->spare;
+        spare = range->node == 0 ? spare + range->count : range->refs; /* the sample stays for plan_in_order */
     } else {
         left = sample_divide(refs, range->count, &plane);
     }
@@ -48,8 +49,8 @@ static bool split_range(struct planning *planning, const struct sample_range *ra
         return false;
     }
     planning->nodes[range->node] = (struct scatter_node){plane.threshold, plane.axis, child, 0};
-    ret_children[0] = (struct sample_range){refs, child, left};
-    ret_children[1] = (struct sample_range){refs + left, child + 1, range->count - left};
+    ret_children[0] = (struct sample_range){refs, spare, child, left};
+    ret_children[1] = (struct sample_range){refs + left, spare ? spare + left : NULL, child + 1, range->count - left};
     return true;
 }
 
@@ -152,8 +153,8 @@ static void place(const struct scatter_node *nodes, struct scatter_plan *plan)
 void scatter_plan_make(struct primitive_ref *sample, struct primitive_ref *spare, uint32_t count, uint32_t enough,
                        const struct parallel *parallel, struct scatter_plan *ret_plan)
 {
-    struct planning planning = {.parallel = parallel, .spare = spare, .enough = enough, .node_count = 1};
-    const struct sample_range all = {sample, 0, count};
+    struct planning planning = {.parallel = parallel, .enough = enough, .node_count = 1};
+    const struct sample_range all = {sample, spare, 0, count};
     plan_range(&planning, all);
     if (planning.full) {
         planning.node_count = 1;

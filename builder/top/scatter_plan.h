@@ -40,8 +40,8 @@ struct scatter_plan {
 
 /*
  * Makes the plan: divides every part of the sample that has more than `enough` refs, as long as more pieces are allowed
- * and a plane has refs on both sides. Reorders the sample, or copies it to `spare`, which is as large and may be NULL.
- * The result is the same for any number of threads. Allocates nothing and cannot fail.
+ * and a plane has refs on both sides. Reorders the sample, or copies it to `spare`, which has room for it twice and may
+ * be NULL. The result is the same for any number of threads. Allocates nothing and cannot fail.
  */
 void scatter_plan_make(struct primitive_ref *sample, struct primitive_ref *spare, uint32_t count, uint32_t enough,
                        const struct parallel *parallel, struct scatter_plan *ret_plan);

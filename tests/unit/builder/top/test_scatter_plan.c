@@ -118,7 +118,7 @@ static void threads_do_not_matter(void **state)
                 struct scatter_plan one, many;
                 struct primitive_ref *refs = test_refs_make((enum test_refs_kind)kind, 10000, 3);
                 struct primitive_ref *others = test_refs_make((enum test_refs_kind)kind, 10000, 3);
-                struct primitive_ref *spare = run % 2 ? malloc(10000 * sizeof *spare) : NULL;
+                struct primitive_ref *spare = run % 2 ? malloc(20000 * sizeof *spare) : NULL;
                 scatter_plan_make(refs, NULL, 10000, enough[e], &parallel_serial, &one);
                 scatter_plan_make(others, spare, 10000, enough[e], workers_parallel(workers), &many);
                 assert_true(is_same(&one, &many));
