@@ -85,6 +85,7 @@ void conn_close(struct conn *conn)
     if (conn->state != CONN_HELD)
         inlet_finish(&conn->inlet);
     conn->state = CONN_CLOSED;
+    conn->group->large -= conn->is_large;
     conn_group_remove(conn->group, conn);
     uv_close((uv_handle_t *)&conn->poll, on_closed);
     uv_close((uv_handle_t *)&conn->timer, on_closed);
@@ -253,11 +254,23 @@ static bool presses(const struct conn *conn)
     return conn->outbox.unread > 0 && conn->session && session_is_behind(conn->session);
 }
 
+/* A client that has read much may read more. One that reads nothing does not get there. */
+static void make_room_for_results(struct conn *conn)
+{
+    const struct conn_limits *limits = &conn->group->limits;
+    if (conn->is_large || conn->outbox.sent < limits->large_from || conn->group->large == limits->large_most)
+        return;
+    conn->is_large = true;
+    conn->group->large++;
+    outbox_make_large(&conn->outbox);
+}
+
 static void write_replies(struct conn *conn)
 {
     bool progress;
     enum outbox_state state = outbox_flush(&conn->outbox, &progress);
     conn->lost |= state == OUTBOX_LOST;
+    make_room_for_results(conn);
     conn->hint_failed = !progress && (conn->hint_failed || conn->writable);
     conn->writable = false;
     conn->writing = state;

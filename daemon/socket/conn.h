@@ -46,6 +46,7 @@ struct conn {
     bool lost; /* the client is gone or was given up; the connection is closed at the end of conn_work */
     bool failed; /* the session cannot go on, for the reason in `failure` */
     bool readable; /* the socket has something to read, as far as is known */
+    bool is_large; /* the socket has a larger send buffer */
     bool write_shut; /* the socket's writing side was shut down */
     bool reading_waits; /* nothing is read until descriptors or memory are free */
     bool reading_full; /* nothing is read until replies were written */

@@ -19,6 +19,8 @@ struct conn_limits conn_limits_default(void)
         .share_bytes = 512 * 1024,
         .share_frames = 64,
         .share_us = 500,
+        .large_from = 1024 * 1024,
+        .large_most = 64,
         .queue_bytes = 4 * 1024 * 1024,
         .queue_replies = 1024,
     };

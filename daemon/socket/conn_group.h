@@ -32,6 +32,7 @@ struct conn_limits {
     uint32_t retry_ms; /* the longest pause before descriptors or memory are requested again */
     uint32_t share_bytes, share_frames; /* that are taken from one connection in one iteration of the loop */
     uint32_t share_us; /* time in an iteration after which a connection's next frame is put off */
+    uint32_t large_from, large_most; /* bytes sent from which sockets get a larger send buffer; how many have it */
     uint32_t queue_bytes, queue_replies; /* unsent replies of a connection; beyond them nothing more is read from it */
 };
 
@@ -49,6 +50,7 @@ struct conn_group {
     uv_idle_t again; /* runs while work is left for the next iteration, so that the loop does not wait */
     struct list all;
     uint32_t count; /* of connections in `all` */
+    uint32_t large; /* of those with a larger send buffer */
     uint64_t opened; /* connections so far: the number of the newest */
     struct conn *working; /* the connection in conn_work now, else NULL */
     struct list due; /* for this iteration */

@@ -12,8 +12,7 @@ enum {
     BATCH = 16, /* replies in one call of sendmsg */
     SECTIONS = 3, /* of a frame: header, control message, inline bytes */
     LEAST_MESSAGE = 512, /* bytes that the kernel counts for any message at least: its own structs are larger */
-    LARGE_BUFFER = 256 << 10, /* of a socket; the kernel makes it twice as large, if net.core.wmem_max allows */
-    LARGE_FROM = 1 << 20, /* bytes that were written to a client before its socket gets a large buffer */
+    LARGE_BUFFER = 1 << 20, /* of a socket; the kernel takes twice as much, if net.core.wmem_max allows */
 };
 
 void outbox_init(struct outbox *outbox, int socket, struct descriptor_share *share, const struct outbox_events *events,
@@ -150,30 +149,32 @@ static ssize_t send_batch(struct outbox *outbox)
     return sendmsg(outbox->socket, &message, MSG_NOSIGNAL | MSG_DONTWAIT);
 }
 
-/*
- * Lets the loop and a client that reads many results work side by side. The kernel's default is full after three
- * results of 60 KiB, and then they wake each other for every few results. A client that reads nothing does not get it.
- */
-static void make_buffer_large(struct outbox *outbox)
-{
-    int size, wanted = LARGE_BUFFER;
-    socklen_t length = sizeof size;
-    outbox->is_large = true;
-    if (!getsockopt(outbox->socket, SOL_SOCKET, SO_SNDBUF, &size, &length) && size < 2 * wanted)
-        setsockopt(outbox->socket, SOL_SOCKET, SO_SNDBUF, &wanted, sizeof wanted);
-}
-
 static void count_written(struct outbox *outbox, uint64_t size)
 {
     outbox->written += size;
     outbox->sent += size;
-    if (outbox->sent >= LARGE_FROM && !outbox->is_large && !outbox->send_buffer)
-        make_buffer_large(outbox);
     while (outbox->first && outbox->written >= frame_size(outbox->first)) {
         uint64_t rest = outbox->written - frame_size(outbox->first);
         remove_first(outbox);
         outbox->written = rest;
     }
+}
+
+static void restore_buffer(struct outbox *outbox)
+{
+    int half = outbox->send_buffer / 2; /* the kernel doubles the value that it is given */
+    if (half)
+        setsockopt(outbox->socket, SOL_SOCKET, SO_SNDBUF, &half, sizeof half);
+    outbox->send_buffer = 0;
+}
+
+void outbox_make_large(struct outbox *outbox)
+{
+    int size, wanted = LARGE_BUFFER;
+    socklen_t length = sizeof size;
+    restore_buffer(outbox);
+    if (!getsockopt(outbox->socket, SOL_SOCKET, SO_SNDBUF, &size, &length) && size < 2 * wanted)
+        setsockopt(outbox->socket, SOL_SOCKET, SO_SNDBUF, &wanted, sizeof wanted);
 }
 
 /* Makes the socket's send buffer as small as the kernel allows, which raises too small a value to its minimum. */
@@ -184,14 +185,6 @@ static void make_buffer_small(struct outbox *outbox)
     if (!outbox->send_buffer && !getsockopt(outbox->socket, SOL_SOCKET, SO_SNDBUF, &size, &length) &&
         !setsockopt(outbox->socket, SOL_SOCKET, SO_SNDBUF, &least, sizeof least))
         outbox->send_buffer = size;
-}
-
-static void restore_buffer(struct outbox *outbox)
-{
-    int half = outbox->send_buffer / 2; /* the kernel doubles the value that it is given */
-    if (half)
-        setsockopt(outbox->socket, SOL_SOCKET, SO_SNDBUF, &half, sizeof half);
-    outbox->send_buffer = 0;
 }
 
 /* Counts one more unread descriptor. Returns OUTBOX_EMPTY if it may be sent, else what it has to wait for. */

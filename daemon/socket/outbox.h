@@ -10,9 +10,6 @@
  * The kernel tells on request how much a client has not read yet, but it has no event for it. A socket with a small
  * send buffer is nearly as good: it becomes writable when almost everything was read. This is only a hint, so a caller
  * that waits for a client to read has to flush again after a while, too.
- *
- * Once a client has read a mebibyte or so, its socket gets a larger send buffer than usual, so that the loop can write
- * many small results ahead of it.
  */
 #ifndef BVHD_OUTBOX_H
 #define BVHD_OUTBOX_H
@@ -40,8 +37,7 @@ struct outbox {
     uint32_t unread; /* descriptors sent that the client may not have read: an upper bound */
     uint64_t unread_sizes[OUTBOX_MAX_UNREAD]; /* the bytes behind them, oldest first */
     int outstanding; /* what the client had not read at the last check, in bytes as the kernel counts them */
-    uint64_t sent; /* bytes in all */
-    bool is_large; /* the socket has had its large send buffer */
+    uint64_t sent; /* bytes that the socket has taken so far */
     int send_buffer; /* the size of the socket's send buffer before it was made small; 0: it was not */
 };
 
@@ -72,6 +68,13 @@ void outbox_drop(struct outbox *outbox);
 
 /* Writes as much as possible. *ret_progress: something was written, or the client has read since the last call. */
 enum outbox_state outbox_flush(struct outbox *outbox, bool *ret_progress);
+
+/*
+ * Gives the socket a larger send buffer, as far as the system allows. The kernel's default is full after three results
+ * of 60 KiB, and then the loop and a client that reads many results wait until one has woken the other, again and
+ * again.
+ */
+void outbox_make_large(struct outbox *outbox);
 
 /* Checks with the kernel, and returns whether descriptors may still be unread in the client's socket. */
 bool outbox_is_unread(struct outbox *outbox);

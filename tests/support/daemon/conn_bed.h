@@ -54,12 +54,12 @@ static inline struct conn *bed_newest_conn(const struct bed *bed)
     return container_of(bed->group.all.first, struct conn, link);
 }
 
-/* The size of the send buffer of the connection that was opened last, as the kernel counts it. */
-static inline int bed_send_buffer(const struct bed *bed)
+/* The size of a connection's send buffer, as the kernel counts it. */
+static inline int bed_send_buffer(const struct conn *conn)
 {
     int size = 0;
     socklen_t length = sizeof size;
-    getsockopt(bed_newest_conn(bed)->socket, SOL_SOCKET, SO_SNDBUF, &size, &length);
+    getsockopt(conn->socket, SOL_SOCKET, SO_SNDBUF, &size, &length);
     return size;
 }
 

@@ -383,27 +383,62 @@ static void test_few_lines_for_stalled_clients(void **state)
     assert_non_null(strstr(second, " suppressed=30\n"));
 }
 
-/* Results that come inside frames: only a client that has read many of them gets a larger send buffer. */
-static void test_readers_of_much_get_a_larger_buffer(void **state)
+enum { RESULTS = 20, SMALL = 64 * 1024 };
+
+/* A client whose socket has a small send buffer. */
+struct reader {
+    struct bed_client *client;
+    const struct conn *conn;
+    int small; /* the buffer's size, as the kernel counts it */
+};
+
+static struct reader join_reader(struct bed *bed)
 {
-    enum { RESULTS = 20 }; /* more than a mebibyte */
-    struct bed bed;
+    const int size = SMALL;
+    struct reader reader = {.client = bed_join(bed, 1), .conn = bed_newest_conn(bed)};
+    assert_int_equal(setsockopt(reader.conn->socket, SOL_SOCKET, SO_SNDBUF, &size, sizeof size), 0);
+    reader.small = bed_send_buffer(reader.conn);
+    return reader;
+}
+
+static void read_results(struct bed *bed, const struct reader *reader)
+{
     struct frame frame;
-    (void)state;
-    bed_open(&bed, NULL);
-    struct bed_client *client = bed_join(&bed, 1);
-    int before = 64 * 1024;
-    assert_int_equal(setsockopt(bed_newest_conn(&bed)->socket, SOL_SOCKET, SO_SNDBUF, &before, sizeof before), 0);
-    before = bed_send_buffer(&bed);
-    for (uint64_t i = 1; i <= RESULTS; i++)
-        bed_send(client, FRAME_STATS, i);
-    bed_pump(&bed, 20);
-    assert_int_equal(bed_send_buffer(&bed), before);
     for (uint64_t i = 1; i <= RESULTS; i++) {
-        assert_true(bed_receive(&bed, client, &frame));
+        assert_true(bed_receive(bed, reader->client, &frame));
         assert_int_equal(frame.header.request, i);
     }
-    assert_true(bed_send_buffer(&bed) > before);
+}
+
+static void ask_for_results(const struct reader *reader)
+{
+    for (uint64_t i = 1; i <= RESULTS; i++)
+        bed_send(reader->client, FRAME_STATS, i);
+}
+
+/* Only clients that have read much get a larger send buffer, and only some of them at a time. */
+static void test_some_readers_get_a_larger_buffer(void **state)
+{
+    struct bed bed;
+    struct conn_limits limits = conn_limits_default();
+    (void)state;
+    limits.large_from = RESULTS * BLOB_INLINE_MAX;
+    limits.large_most = 1;
+    bed_open(&bed, &limits);
+    const struct reader first = join_reader(&bed), second = join_reader(&bed);
+    ask_for_results(&first);
+    bed_pump(&bed, 20);
+    assert_int_equal(bed_send_buffer(first.conn), first.small);
+    read_results(&bed, &first);
+    assert_true(bed_send_buffer(first.conn) > first.small);
+    ask_for_results(&second);
+    read_results(&bed, &second);
+    assert_int_equal(bed_send_buffer(second.conn), second.small);
+    bed_hang_up(first.client);
+    bed_await(&bed, bed.group.count == 1);
+    ask_for_results(&second);
+    read_results(&bed, &second);
+    assert_true(bed_send_buffer(second.conn) > second.small);
     bed_close(&bed);
 }
 
@@ -426,7 +461,7 @@ int main(void)
         cmocka_unit_test(test_fails_while_sending),
         cmocka_unit_test(test_unfinished_frame_counts),
         cmocka_unit_test(test_unfinished_frame_of_the_broken),
-        cmocka_unit_test(test_readers_of_much_get_a_larger_buffer),
+        cmocka_unit_test(test_some_readers_get_a_larger_buffer),
         cmocka_unit_test(test_few_lines_for_stalled_clients),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
