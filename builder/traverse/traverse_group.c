@@ -100,40 +100,15 @@ bool traverse_groups_pay(const struct traverse_stream *stream)
 }
 
 /*
- * Returns whether rays that go alone are best traced in turns. They lose a tenth by that in structures that the caches
- * of a core hold; in larger ones they gain up to a half. A ray that searches any hit waits twice for a node, for its
- * leaves and for its inner children, and finds what it needs early: it gains only where nodes come from memory.
- */
-static bool turns_pay(const struct scene *scene, bool is_any)
-{
-    enum { MIB = 1 << 20, CORE_CACHES = 6 * MIB, ALL_CACHES = 24 * MIB };
-    if (scene->top)
-        return false;
-    const struct portable_header *header = scene->bottoms[0]->header;
-    const uint64_t size = (uint64_t)header->node_count * sizeof(struct unpacked_node) +
-                          (uint64_t)header->record_count * sizeof(struct portable_triangle);
-    return size >= (is_any ? ALL_CACHES : CORE_CACHES);
-}
-
-/*
- * Returns whether packets paid: whether their visits cost at most slightly more than the same visits by single rays. A
- * small loss is better borne, since the next rays may cohere again. Rays that take turns need less time for a visit,
- * because a packet waits for memory: there packets have to save a fifth.
- */
-static bool packets_paid(const struct traverse_stream *stream)
-{
-    return 8 * stream->visits_together >= (turns_pay(stream->scene, false) ? 10 : 7) * stream->cost;
-}
-
-/*
- * After some groups, decides whether the next rays go alone. The longer packets have not paid, the later they are tried
- * again.
+ * After some groups, decides whether the next rays go alone: they do if their visits in packets cost clearly more than
+ * the same visits by single rays. A small loss is better borne, since the next rays may cohere again. The longer
+ * packets have not paid, the later they are tried again.
  */
 static void decide(struct traverse_stream *stream)
 {
     if (++stream->groups < (stream->pause == 0 ? GROUPS_FIRST : GROUPS_AGAIN))
         return;
-    if (packets_paid(stream))
+    if (8 * stream->visits_together >= 7 * stream->cost)
         stream->pause = 0;
     else if (stream->pause < ALONE_MAX)
         stream->pause = stream->pause ? 2 * stream->pause : ALONE_FIRST;
@@ -196,6 +171,22 @@ static uint64_t trace_packets(struct group *group, uint32_t count, uint64_t plai
     }
     decide(group->stream);
     return left;
+}
+
+/*
+ * Returns whether rays that go alone are best traced in turns. They lose a tenth by that in structures that the caches
+ * of a core hold; in larger ones they gain up to a half. A ray that searches any hit waits twice for a node, for its
+ * leaves and for its inner children, and finds what it needs early: it gains only where nodes come from memory.
+ */
+static bool turns_pay(const struct scene *scene, bool is_any)
+{
+    enum { MIB = 1 << 20, CORE_CACHES = 6 * MIB, ALL_CACHES = 24 * MIB };
+    if (scene->top)
+        return false;
+    const struct portable_header *header = scene->bottoms[0]->header;
+    const uint64_t size = (uint64_t)header->node_count * sizeof(struct unpacked_node) +
+                          (uint64_t)header->record_count * sizeof(struct portable_triangle);
+    return size >= (is_any ? ALL_CACHES : CORE_CACHES);
 }
 
 /* Returns those of the rays that are best traced in turns. */
