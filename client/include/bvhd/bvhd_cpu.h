@@ -233,8 +233,8 @@ struct bvhd_cpu_trace {
 /*
  * Traces rays in the calling thread. Programs with several threads give each a part of the rays. Through
  * portable structures many rays in a call take less time than as many calls, the more so if neighbours in the array
- * begin near each other and have similar directions: give the pixels of a picture in tiles, and some thousand rays a
- * call. Answers do not depend on it.
+ * begin near each other and have similar directions: give the pixels of a picture in tiles of 8 x 8, row by row, and
+ * some thousand rays a call. Answers do not depend on it.
  *
  * Returns BVHD_INVALID if a field of *trace is wrong, in which case no ray is traced; or if a ray has a time outside of
  * 0 .. 1, unknown flags, flags that exclude each other, or a `reserved` that is not 0. The place is then
