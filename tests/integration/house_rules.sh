@@ -182,18 +182,36 @@ check_files()
 # bins_kernels.h too.
 check_headers()
 {
-    sources | grep '\.h$' | while read -r path; do
-        header=$(basename "$path" .h)
-        readme=$(dirname "$path")/README.md
-        [ -f "$readme" ] || { complain "$path: its folder has no README.md"; continue; }
-        module=$header
-        until grep -q "\`$module\(\.h\)\{0,1\}\`" "$readme"; do
-            case $module in
-            *_*) module=${module%_*} ;;
-            *) complain "$path: $readme does not name it"; break ;;
-            esac
-        done
-    done
+    sources | grep '\.h$' | awk '
+        # Returns whether the README of the folder exists, and collects the names that it quotes.
+        function read_names(folder,    path, line, found, name) {
+            path = folder "/README.md"
+            while ((found = (getline line < path)) > 0)
+                while (match(line, /`[^`]*`/)) {
+                    name = substr(line, RSTART + 1, RLENGTH - 2)
+                    sub(/[.]h$/, "", name)
+                    named[folder, name] = 1
+                    line = substr(line, RSTART + RLENGTH - 1) # what ends one name may begin the next
+                }
+            close(path)
+            return found == 0
+        }
+        {
+            folder = module = $0
+            sub(/[/][^/]*$/, "", folder)
+            gsub(/^.*[/]|[.]h$/, "", module)
+            if (!(folder in has_readme))
+                has_readme[folder] = read_names(folder)
+            while (!((folder, module) in named) && sub(/_[^_]*$/, "", module))
+                ;
+            if (!has_readme[folder])
+                print $0 ": its folder has no README.md"
+            else if (!((folder, module) in named))
+                print $0 ": " folder "/README.md does not name it"
+        }' >"$scratch/headers"
+    while read -r line; do
+        complain "$line"
+    done <"$scratch/headers"
 }
 
 # Markdown files, without what builds write.
@@ -315,15 +333,18 @@ check_house()
     [ ! -s "$scratch/complaints" ]
 }
 
-# must_fail WHAT - the scratch tree with one more file has to be refused, then the file goes.
+# must_fail WHAT FILE - the scratch tree with one more file has to be refused, for that file only; then the file goes.
 must_fail()
 {
-    if (check_house "$tree") >/dev/null; then
+    if (check_house "$tree") >"$tree/refused"; then
         echo "not found: $1"
         exit 1
     fi
-    rm "$tree/$2"
-    (check_house "$tree") || { echo "found after it had gone: $1"; exit 1; }
+    if grep -v "^$2:" "$tree/refused"; then
+        echo "found beside it: $1"
+        exit 1
+    fi
+    rm "$tree/$2" "$tree/refused"
 }
 
 # plant FILE INCLUDE - a file of the scratch tree with one include, as it is written.
