@@ -19,6 +19,7 @@ struct piece {
     uint32_t depth;
     double cost; /* by ir_cost, as long as the ir has its boxes */
     enum bvhd_status status;
+    atomic_bool waits; /* for a thread that collapses its tree */
     uint32_t node_base, ref_base; /* places in the joined tree of the ir's node 1 and of its ref 0 */
 };
 
@@ -26,6 +27,9 @@ struct build {
     const struct pieces_request *request;
     struct memory *memory;
     struct piece *pieces;
+    uint32_t count;
+    uint32_t threads; /* how many tasks can run at once */
+    _Atomic uint32_t begun; /* pieces whose trees have been begun */
     uint32_t *order; /* numbers of the pieces, largest first, so that all threads end at about the same time */
     uint64_t total;
     _Atomic uint64_t done;
@@ -79,11 +83,8 @@ static enum bvhd_status build_clusters(const struct build *build, struct piece *
         .fills_leaves = ploc,
         .cancel = request->cancel,
     };
-    enum bvhd_status status = cluster_tree_build(&clusters, ploc ? ploc_join : binned_join, build->memory, &piece->ir,
-                                                 &piece->depth, &piece->cost, NULL);
-    if (status == BVHD_OK && request->collapse_at_once)
-        status = wide_piece_make(&piece->ir, request->collapse_at_once, build->memory, &piece->wide);
-    return status;
+    return cluster_tree_build(&clusters, ploc ? ploc_join : binned_join, build->memory, &piece->ir, &piece->depth,
+                              &piece->cost, NULL);
 }
 
 static bool is_by_embree(enum pieces_method method)
@@ -130,16 +131,54 @@ static enum bvhd_status measure(const struct build *build, struct piece *piece)
     return piece->depth == IR_DEPTH_UNKNOWN ? BVHD_NO_MEMORY : BVHD_OK;
 }
 
+static void collapse_piece(const struct build *build, struct piece *piece)
+{
+    const struct pieces_request *request = build->request;
+    piece->status = parallel_cancelled(request->cancel)
+                        ? BVHD_CANCELLED
+                        : wide_piece_make(&piece->ir, request->collapse_at_once, build->memory, &piece->wide);
+}
+
+/* Collapses all pieces that wait for it, a thread's own first, since it is still in the cache. */
+static void collapse_waiting(struct build *build, const struct piece *own)
+{
+    for (uint32_t i = 0, at = (uint32_t)(own - build->pieces); i < build->count; i++, at++) {
+        struct piece *piece = &build->pieces[at < build->count ? at : at - build->count];
+        if (atomic_load(&piece->waits) && atomic_exchange(&piece->waits, false))
+            collapse_piece(build, piece);
+    }
+}
+
+/*
+ * Collapses a piece at once, while it is in the cache, as long as there are trees left for all threads to begin. Near
+ * the end the piece waits instead, so that threads that find no tree to begin take over from those that are late. None
+ * is forgotten: a thread leaves it waiting only if another one has yet to begin a tree, and will look after that.
+ */
+static void collapse_now_or_later(struct build *build, struct piece *piece)
+{
+    if (build->count - atomic_load(&build->begun) >= build->threads) {
+        collapse_piece(build, piece);
+        return;
+    }
+    atomic_store(&piece->waits, true);
+    if (atomic_load(&build->begun) == build->count)
+        collapse_waiting(build, piece);
+}
+
 static void run_piece(void *context, size_t index)
 {
     struct build *build = context;
     struct piece *piece = &build->pieces[build->order[index]];
     const struct pieces_request *request = build->request;
+    atomic_fetch_add(&build->begun, 1);
     piece->status = parallel_cancelled(request->cancel) ? BVHD_CANCELLED : build_piece(build, piece);
     if (piece->status == BVHD_OK && request->method != PIECES_PLOC && request->method != PIECES_BINNED)
         piece->status = measure(build, piece);
+    const bool made = piece->status == BVHD_OK;
     uint64_t done = atomic_fetch_add_explicit(&build->done, piece->count, memory_order_relaxed) + piece->count;
-    if (request->progress && piece->status == BVHD_OK)
+    if (made && request->collapse_at_once)
+        collapse_now_or_later(build, piece);
+    if (request->progress && made)
         request->progress(request->progress_context, done * request->progress_total / build->total,
                           request->progress_total);
 }
@@ -201,7 +240,11 @@ static enum bvhd_status build_all(const struct pieces_request *request, struct m
                             .collapse_at_once = request->collapse_at_once,
                             .cancel = request->cancel,
                             .memory = memory};
-    struct build build = {.request = request, .memory = memory, .total = request->tree->nodes[0].count};
+    struct build build = {.request = request,
+                          .memory = memory,
+                          .total = request->tree->nodes[0].count,
+                          .count = pieces.count,
+                          .threads = parallel->threads};
     pieces.pieces = build.pieces = memory_array(memory, pieces.count, sizeof *pieces.pieces);
     build.order = memory_array(memory, pieces.count, sizeof *build.order);
     enum bvhd_status status = BVHD_NO_MEMORY;
