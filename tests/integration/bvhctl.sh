@@ -351,8 +351,7 @@ expect 'a Vulkan rule is named' \
         grep -q '^bvhctl: ball.blas-[0-9a-f]*.as: .*VUID-VkAccelerationStructureBuildGeometryInfoKHR-flags-03796'"
 
 # The command check. It says what it costs, and what it had no time for.
-run 0 --local build large.ply -o slow
-run 0 check slow large.ply --rays 100000 --time 0.01 --json
+run 0 check cut large.ply --rays 100000 --time 0.01 --json
 one_json_object
 says 'large: 100000 rays need '
 says ' tests of a ray and a triangle: about '
@@ -362,7 +361,7 @@ judged=$(sed 's/.*"judged":\([0-9]*\),.*/\1/' out)
 expect "some rays were judged: $judged" [ "$judged" -gt 0 ]
 expect "not all: $judged" [ "$judged" -lt 100000 ]
 expect 'the others are counted' grep -q "\"rays\":100000,\"judged\":$judged,\"unjudged\":$((100000 - judged))," out
-run 0 check slow large.ply --rays 40
+run 0 check cut large.ply --rays 40
 expect 'nothing is left out where no time is given' grep -q '^large: 40 rays, .*, t within [0-9.e-]*$' out
 run 0 --local build ball.ply mixed.obj -o good
 run 0 check good ball.ply --rays 500 --json
