@@ -108,12 +108,12 @@ static enum bvhd_status report_box(const float *box, struct place where, struct 
 }
 
 static enum bvhd_status check_contents(const struct canonical_geometry *geometry, uint32_t first, uint32_t count,
-                                       const char *where, struct bvhd_error *error)
+                                       uint32_t info, uint32_t index, struct bvhd_error *error)
 {
     for (uint32_t i = first; i < first + count; i++) {
         const float *box = geometry->boxes + (uint64_t)6 * i;
         if (!box_is_valid(box))
-            return report_box(box, place("%s.aabbs[%u]", where, i), error);
+            return report_box(box, place("infos[%u].geometries[%u].aabbs[%u]", info, index, i), error);
     }
     return BVHD_OK;
 }

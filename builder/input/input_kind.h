@@ -47,9 +47,12 @@ struct input_kind {
     /* Reads vertices once; called on any thread. NULL: the kind has none. */
     void (*fetch_vertices)(struct fetch *fetch, uint32_t geometry, uint32_t first, uint32_t count);
 
-    /* Checks Vulkan's rules about contents. `where`: the place of the geometry. NULL: there is no such rule. */
+    /*
+     * Checks Vulkan's rules about contents. `info` and `index` are the numbers of the entry and of the geometry, for
+     * errors. NULL: there is no such rule.
+     */
     enum bvhd_status (*check_contents)(const struct canonical_geometry *geometry, uint32_t first, uint32_t count,
-                                       const char *where, struct bvhd_error *error);
+                                       uint32_t info, uint32_t index, struct bvhd_error *error);
     /* Checks a geometry of a block that comes from elsewhere for contents that prepare() would not have written. */
     enum bvhd_status (*check_foreign)(const struct canonical *canonical, uint32_t geometry, struct bvhd_error *error);
 

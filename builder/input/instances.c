@@ -126,12 +126,12 @@ static enum bvhd_status report_instance(const unsigned char *record, struct plac
 }
 
 static enum bvhd_status check_contents(const struct canonical_geometry *geometry, uint32_t first, uint32_t count,
-                                       const char *where, struct bvhd_error *error)
+                                       uint32_t info, uint32_t index, struct bvhd_error *error)
 {
     for (uint32_t i = first; i < first + count; i++) {
         const unsigned char *record = geometry->instances + (uint64_t)FORM_RECORD_SIZE * i;
         if (!are_valid(record, 1))
-            return report_instance(record, place("%s.instances[%u]", where, i), error);
+            return report_instance(record, place("infos[%u].geometries[%u].instances[%u]", info, index, i), error);
     }
     return BVHD_OK;
 }

@@ -27,14 +27,13 @@ static enum bvhd_status check_geometry(const struct canonical *canonical, uint32
 {
     const struct canonical_geometry *geometry = &canonical->geometries[index];
     const struct input_kind *kind = input_kind_of(geometry->type);
-    struct place where = place("infos[%u].geometries[%u]", info, index);
     enum bvhd_status status = BVHD_OK;
     size_t chunks = kind->check_contents ? parallel_chunks(LOOK, geometry->primitive_count) : 0, begin, end;
     for (size_t i = 0; status == BVHD_OK && i < chunks; i++) {
         if (parallel_cancelled(cancel))
             return bvhd_error_set(error, BVHD_CANCELLED, place("infos[%u]", info).text, "cancelled");
         parallel_chunk(i, LOOK, geometry->primitive_count, &begin, &end);
-        status = kind->check_contents(geometry, (uint32_t)begin, (uint32_t)(end - begin), where.text, error);
+        status = kind->check_contents(geometry, (uint32_t)begin, (uint32_t)(end - begin), info, index, error);
     }
     return status;
 }

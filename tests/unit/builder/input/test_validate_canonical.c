@@ -65,7 +65,7 @@ static void small_and_flat_matrices_are_invertible(void **state)
 static bool are_valid(const struct canonical_geometry *geometry, uint32_t count)
 {
     struct bvhd_error error;
-    return input_kind_of(geometry->type)->check_contents(geometry, 0, count, "", &error) == BVHD_OK;
+    return input_kind_of(geometry->type)->check_contents(geometry, 0, count, 0, 0, &error) == BVHD_OK;
 }
 
 static void runs_are_judged_whole(void **state)
@@ -113,6 +113,30 @@ static void places_are_named(void **state)
     assert_int_equal(validate_canonical(&canonical, 6, NULL, &error), BVHD_OK);
 }
 
+/* A geometry is checked in parts; in later parts, too, the primitive is named by its number in the geometry. */
+static void later_primitives_are_named(void **state)
+{
+    (void)state;
+    enum { COUNT = 20000, BAD = 17000 };
+    float(*boxes)[6] = calloc(COUNT, sizeof *boxes);
+    uint32_t(*records)[16] = calloc(COUNT, sizeof *records);
+    struct canonical_geometry geometry = {.type = GEOMETRY_AABBS, .primitive_count = COUNT, .boxes = boxes[0]};
+    struct canonical canonical = {.geometry_count = 1, .geometries = &geometry};
+    struct bvhd_error error;
+    assert_int_equal(validate_canonical(&canonical, 2, NULL, &error), BVHD_OK);
+    boxes[BAD][1] = 1;
+    assert_int_equal(validate_canonical(&canonical, 2, NULL, &error), BVHD_INVALID);
+    assert_string_equal(error.where, "infos[2].geometries[0].aabbs[17000].minY");
+    geometry = (struct canonical_geometry){
+        .type = GEOMETRY_INSTANCES, .primitive_count = COUNT, .instances = (const unsigned char *)records};
+    assert_int_equal(validate_canonical(&canonical, 2, NULL, &error), BVHD_OK);
+    records[BAD][13] = 0x80000000;
+    assert_int_equal(validate_canonical(&canonical, 2, NULL, &error), BVHD_INVALID);
+    assert_string_equal(error.where, "infos[2].geometries[0].instances[17000].flags");
+    free(boxes);
+    free(records);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -121,6 +145,7 @@ int main(void)
         cmocka_unit_test(small_and_flat_matrices_are_invertible),
         cmocka_unit_test(runs_are_judged_whole),
         cmocka_unit_test(places_are_named),
+        cmocka_unit_test(later_primitives_are_named),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
