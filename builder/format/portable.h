@@ -47,7 +47,7 @@ enum portable_content {
     PORTABLE_INSTANCES = 3,
 };
 
-enum { PORTABLE_CONTENTS = PORTABLE_INSTANCES + 1 };
+enum { PORTABLE_CONTENTS = PORTABLE_INSTANCES + 1 }; /* the number of contents; larger ones are unknown */
 
 enum { PORTABLE_MAGIC = 0x42485642 }; /* "BVHB" */
 

@@ -13,6 +13,7 @@ struct fetch_source {
     float matrix[12];
 };
 
+/* Returns the row of a geometry in the block that is being filled. */
 static inline struct form_geometry *fetch_row(const struct fetch *fetch, uint32_t geometry)
 {
     return (struct form_geometry *)(void *)(fetch->block + sizeof(struct form_header)) + geometry;
@@ -27,6 +28,7 @@ static inline void fetch_settle(void)
     atomic_signal_fence(memory_order_seq_cst);
 }
 
+/* Raise a number to `value` if it is lower, or lower it if it is higher; any threads may do so at once. */
 static inline void fetch_raise(_Atomic uint32_t *highest, uint32_t value)
 {
     uint32_t old = atomic_load_explicit(highest, memory_order_relaxed);

@@ -3,9 +3,10 @@
  * input_kind.h - what this stage does differently for triangles, boxes and instances: one struct for each kind of
  * geometry, which the file of the kind fills (triangles.c, aabbs.c, instances.c).
  *
- * Functions take ranges of primitives or vertices, so that one call through a pointer serves thousands of them. Every
- * geometry that they get has passed the checks that come before: check_memory follows validate_geometry and check_shape
- * (kind.h), and all others follow validate_input or, for a block that comes from elsewhere, the checks of its tables.
+ * Functions of hot loops take ranges of primitives or vertices, so that one call through a pointer serves thousands of
+ * them; `look` serves callers that need single ones. Every geometry that the functions get has passed the checks that
+ * come before: check_memory follows validate_geometry and check_shape (kind.h), and all others follow validate_input
+ * or, for a block that comes from elsewhere, the checks of its tables.
  */
 #ifndef BVHD_INPUT_KIND_H
 #define BVHD_INPUT_KIND_H

@@ -16,9 +16,8 @@ static inline uint64_t activity_words(uint32_t primitives)
 }
 
 /*
- * Counts the primitives that are not active. Where no vertex has a NaN, primitives with vertices take one pass
- * over these.
- * Returns BVHD_OK or BVHD_CANCELLED.
+ * Counts the primitives that are not active. Where no vertex has a NaN, primitives with vertices take one pass over
+ * these. Returns BVHD_OK or BVHD_CANCELLED.
  */
 enum bvhd_status activity_count(const struct canonical *canonical, const struct build_context *context,
                                 uint32_t *ret_inactive);

@@ -44,7 +44,7 @@ struct update_kind {
     /* Checks all other rules that only this kind has, for one geometry. NULL: there are none. */
     enum bvhd_status (*check)(const struct update_comparison *comparison, uint32_t geometry);
 
-    /* Returns bit i if the primitive first + i is active; `count` is at most 64. */
+    /* Returns a word whose bit i is set if primitive first + i is active. `count` is at most 64; other bits are 0. */
     uint64_t (*active)(const struct canonical_geometry *geometry, uint32_t first, uint32_t count);
     /*
      * Returns whether some of the vertices first .. first + count - 1 are NaN; if none is, all primitives are active.

@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * kind.h - what distinguishes the kinds of geometry: one struct a kind, so that code for all kinds has no tests for
- * single ones. Each folder that treats kinds differently has a table of its own, indexed by enum kind_number.
+ * kind.h - what distinguishes the kinds of geometry: one struct for each kind, so that code for all kinds need not ask
+ * for single ones. Each folder that treats kinds differently has a table of its own. Tables about requests are indexed
+ * by enum kind_number, tables about portable structures (record_kind.h, leaf_kind.h) by their content.
  *
  * All functions may be called from any thread.
  */

@@ -16,7 +16,10 @@ struct row_kind {
     /* Where struct geometry has the struct bytes of each array, in bytes; 0: the kind has no such array. */
     uint16_t arrays[ROW_ARRAYS];
 
-    /* Copy the fields that belong to this kind alone. The other fields of the row or of the geometry are 0, or set. */
+    /*
+     * Copy the fields that belong to this kind alone, except for arrays and spans. What all kinds have is already in
+     * the destination, the rest of which is 0.
+     */
     void (*to_row)(const struct geometry *geometry, struct geometry_row *row);
     void (*from_row)(const struct geometry_row *row, struct geometry *geometry);
 };
