@@ -155,10 +155,11 @@ static size_t readers_of(const struct parallel *parallel)
 }
 
 /*
- * Reads and hashes the next pieces if several threads may do it. Returns how many bytes are hashed then. These are
- * fewer than `size` if some cannot be read; reading the next one again says why.
+ * Reads and hashes the next pieces if several threads may do it. Returns how many bytes are hashed then, which are at
+ * *ret_room. These are fewer than `size` if some cannot be read; reading the next one again says why.
  */
-static uint64_t read_window(const struct reading *reading, struct entry_hash *hash, uint64_t offset, uint64_t size)
+static uint64_t read_window(const struct reading *reading, struct entry_hash *hash, uint64_t offset, uint64_t size,
+                            unsigned char **ret_room)
 {
     struct window window = {.reading = reading, .hash = hash, .offset = offset, .size = size};
     size_t readers = readers_of(reading->parallel);
@@ -170,6 +171,7 @@ static uint64_t read_window(const struct reading *reading, struct entry_hash *ha
     parallel_for(reading->parallel, readers, read_pieces, &window);
     while (hash_piece(&window))
         continue;
+    *ret_room = window.room;
     return window.hashed;
 }
 
@@ -191,13 +193,15 @@ static enum bvhd_status copy_rest(const struct reading *reading, struct entry_ha
                                   struct bvhd_error *error)
 {
     uint64_t end = (uint64_t)reading->about.st_size, hashed = at, size;
-    for (; at < end; at += size) {
+    unsigned char *piece = NULL;
+    for (; at < end; at += size, piece += size) {
         enum bvhd_status status = BVHD_OK;
         if (at == hashed)
-            hashed += read_window(reading, hash, at, smaller(WINDOW, end - at));
+            hashed += read_window(reading, hash, at, smaller(WINDOW, end - at), &piece);
         size = smaller(STORE_PIECE, (at < hashed ? hashed : end) - at);
-        unsigned char *room = reading->sink->room(reading->sink, size), *piece = room ? room : reading->piece;
         if (at == hashed) {
+            unsigned char *room = reading->sink->room(reading->sink, size);
+            piece = room ? room : reading->piece;
             status = read_and_hash(reading, hash, at, piece, &size, error);
             hashed += size;
         }

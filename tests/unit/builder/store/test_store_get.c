@@ -204,12 +204,15 @@ static void *run_call(void *argument)
     return NULL;
 }
 
+static int calls_made;
+
 /* Each task runs on a thread of its own. */
 static void run_on_threads(const struct parallel *self, size_t count, parallel_task task, void *context)
 {
     pthread_t threads[READERS];
     struct bed_call calls[READERS];
     assert_int_equal(count, self->threads < 2 * READERS ? self->threads / 2 : READERS);
+    calls_made++;
     for (size_t i = 0; i < count; i++) {
         calls[i] = (struct bed_call){task, context, i};
         assert_int_equal(pthread_create(&threads[i], NULL, run_call, &calls[i]), 0);
@@ -221,16 +224,21 @@ static void run_on_threads(const struct parallel *self, size_t count, parallel_t
 /* Entries below, at and above the limits of what is read at a time, whole, damaged at their ends, and shortened. */
 static void several_threads_may_read(void **state)
 {
-    static const uint32_t sizes[] = {100, 200000, 270000, (4 << 20) - 100, (4 << 20) + 9000, 9500000};
+    static const struct {
+        uint32_t size;
+        int calls; /* in which several threads read */
+    } cases[] = {{100, 0}, {270000, 0}, {271000, 1}, {(4 << 20) - 100, 1}, {(4 << 20) + 9000, 1}, {9500000, 3}};
     uint32_t damaged = 0;
     (void)state;
     for (unsigned count = 4; count <= 4 * READERS; count *= 2) {
         const struct parallel threads = {count, run_on_threads};
         bed_parallel = &threads;
-        for (size_t i = 0; i < sizeof sizes / sizeof sizes[0]; i++) {
-            bed_put(1, sizes[i]);
+        for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+            bed_put(1, cases[i].size);
+            calls_made = 0;
             assert_true(bed_has(1));
-            damage(1, sizes[i]);
+            assert_int_equal(calls_made, cases[i].calls);
+            damage(1, cases[i].size);
             assert_false(bed_has(1));
             assert_int_equal(store_state(bed_store).damaged, ++damaged);
         }
@@ -248,6 +256,28 @@ static void several_threads_read_the_same(void **state)
     bed_parallel = &threads;
     a_receiver_may_have_no_room(state);
     bed_parallel = &parallel_serial;
+}
+
+static unsigned char *room_once(struct store_sink *sink, uint64_t size)
+{
+    return size > STORE_PIECE ? bed_sink_room(sink, size) : NULL;
+}
+
+/* A receiver that is asked for room for several pieces is not asked again for room for each of them. */
+static void room_for_several_pieces_is_given_once(void **state)
+{
+    static const struct parallel threads = {2 * READERS, run_on_threads};
+    struct bed_sink sink = {.sink = {bed_sink_begin, room_once, bed_sink_write}};
+    const struct key key = bed_key(1);
+    struct bvhd_error error = {0};
+    unsigned char *payload = bed_payload(1, 300000);
+    (void)state;
+    bed_put(1, 300000);
+    assert_int_equal(store_get(bed_store, &key, &threads, &sink.sink, &error), BVHD_OK);
+    assert_int_equal(sink.got, 300000);
+    assert_memory_equal(sink.bytes, payload, 300000);
+    free(sink.bytes);
+    free(payload);
 }
 
 static time_t time_of(uint32_t number)
@@ -288,6 +318,7 @@ int main(void)
         cmocka_unit_test_setup_teardown(files_may_change_meanwhile, bed_begin, bed_end),
         cmocka_unit_test_setup_teardown(several_threads_may_read, bed_begin, bed_end),
         cmocka_unit_test_setup_teardown(several_threads_read_the_same, bed_begin, bed_end),
+        cmocka_unit_test_setup_teardown(room_for_several_pieces_is_given_once, bed_begin, bed_end),
         cmocka_unit_test_setup_teardown(a_hit_refreshes_the_time, bed_begin, bed_end),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
