@@ -216,13 +216,12 @@ static void post(struct workers *workers, struct call *call)
 }
 
 /* Spins until the last helper leaves, or a call is posted, which may be one to help with. Returns false if neither. */
-static bool spin_for_helpers(struct workers *workers, struct call *call, unsigned seen, uint64_t worked_ns)
+static bool spin_for_helpers(struct workers *workers, struct call *call, unsigned seen, struct spin *spin)
 {
-    struct spin spin = spin_after(worked_ns);
     do {
         if (!has_helpers(call) || atomic_load_explicit(&workers->posted, memory_order_relaxed) != seen)
             return true;
-    } while (spin_on(&spin));
+    } while (spin_on(spin));
     return false;
 }
 
@@ -236,11 +235,15 @@ static void sleep_for_helpers(struct workers *workers, struct call *call, unsign
     pthread_mutex_unlock(&workers->lock);
 }
 
+/* Calls of others, which it cannot help with, do not make it spin longer. */
 static void wait_for_helpers(struct workers *workers, struct call *call, uint64_t worked_ns)
 {
+    struct spin spin = spin_after(worked_ns);
     while (has_helpers(call)) {
         unsigned seen = atomic_load_explicit(&workers->posted, memory_order_acquire);
-        if (!help(workers, call) && !spin_for_helpers(workers, call, seen, worked_ns))
+        if (help(workers, call))
+            spin = spin_after(worked_ns);
+        else if (!spin_for_helpers(workers, call, seen, &spin))
             sleep_for_helpers(workers, call, seen);
     }
 }
