@@ -172,8 +172,9 @@ void outbox_make_large(struct outbox *outbox)
 {
     int size, wanted = LARGE_BUFFER;
     socklen_t length = sizeof size;
-    restore_buffer(outbox);
-    if (!getsockopt(outbox->socket, SOL_SOCKET, SO_SNDBUF, &size, &length) && size < 2 * wanted)
+    if (outbox->send_buffer) /* it stays small as long as it has to, and becomes large then */
+        outbox->send_buffer = outbox->send_buffer < 2 * wanted ? 2 * wanted : outbox->send_buffer;
+    else if (!getsockopt(outbox->socket, SOL_SOCKET, SO_SNDBUF, &size, &length) && size < 2 * wanted)
         setsockopt(outbox->socket, SOL_SOCKET, SO_SNDBUF, &wanted, sizeof wanted);
 }
 

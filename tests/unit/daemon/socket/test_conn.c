@@ -442,6 +442,27 @@ static void test_some_readers_get_a_larger_buffer(void **state)
     bed_close(&bed);
 }
 
+/* A client gets a larger send buffer once it has read the descriptors that it owes; until then the buffer is small. */
+static void test_larger_buffer_after_descriptors(void **state)
+{
+    struct bed bed;
+    (void)state;
+    bed_open(&bed, NULL);
+    struct bed_client *client = bed_join(&bed, 1);
+    const struct conn *conn = bed_newest_conn(&bed);
+    const int before = bed_send_buffer(conn);
+    bed.group.limits.large_from = (uint32_t)conn->outbox.sent + 1;
+    bed_send(client, FRAME_GET, 50);
+    bed_await(&bed, conn->is_large);
+    bed_pump(&bed, 20);
+    assert_true(bed_send_buffer(conn) < before);
+    assert_false(conn->hint_failed);
+    for (uint64_t i = 1; i <= 50; i++)
+        bed_expect(&bed, client, FRAME_RESULT, i);
+    bed_await(&bed, bed_send_buffer(conn) > before);
+    bed_close(&bed);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -462,6 +483,7 @@ int main(void)
         cmocka_unit_test(test_unfinished_frame_counts),
         cmocka_unit_test(test_unfinished_frame_of_the_broken),
         cmocka_unit_test(test_some_readers_get_a_larger_buffer),
+        cmocka_unit_test(test_larger_buffer_after_descriptors),
         cmocka_unit_test(test_few_lines_for_stalled_clients),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
