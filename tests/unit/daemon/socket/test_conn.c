@@ -395,7 +395,8 @@ struct reader {
 static struct reader join_reader(struct bed *bed)
 {
     const int size = SMALL;
-    struct reader reader = {.client = bed_join(bed, 1), .conn = bed_newest_conn(bed)};
+    struct reader reader = {.client = bed_join(bed, 1)};
+    reader.conn = bed_newest_conn(bed); /* not in the initializer, whose parts have no order */
     assert_int_equal(setsockopt(reader.conn->socket, SOL_SOCKET, SO_SNDBUF, &size, sizeof size), 0);
     reader.small = bed_send_buffer(reader.conn);
     return reader;
