@@ -19,8 +19,9 @@ enum { CALL_TAKEN = 1 << 30, CALL_OPEN = 1 << 29, CALL_HELPERS = CALL_OPEN - 1 }
 
 /*
  * One call of for_each, or room for one. The calls of a pool are used again but not freed before the pool, so that a
- * thread may look for work in a call that ends at the same time. A helper joins by counting itself, and leaves again if
- * the call then is not open. Fields without a comment do not change while a call is open or has helpers.
+ * thread may look for work in a call that ends at the same time. A helper joins by counting itself, and leaves again,
+ * without a look at the other fields, if the call then is not open. Fields without a comment do not change from when a
+ * call is opened until the helpers that found it open have left.
  */
 struct call {
     _Alignas(CACHE_LINE) atomic_uint state;

@@ -152,7 +152,8 @@ static void collapse_waiting(struct build *build, const struct piece *own)
 /*
  * Collapses a piece at once, while it is in the cache, as long as there are trees left for all threads to begin. Near
  * the end the piece waits instead, so that threads that find no tree to begin take over from those that are late. None
- * is forgotten: a thread leaves it waiting only if another one has yet to begin a tree, and will look after that.
+ * is forgotten: a thread leaves it waiting only if another one has yet to begin a tree, and will look after that, or
+ * fail, and then nobody needs the piece.
  */
 static void collapse_now_or_later(struct build *build, struct piece *piece)
 {
