@@ -8,7 +8,7 @@ const struct record_kind *const record_kinds[PORTABLE_CONTENTS] = {
     [PORTABLE_INSTANCES] = &record_instances,
 };
 
-/* Of the contents of one type, those that need a flag come after the one that needs none. */
+/* Several contents may hold one type of geometry: the content that needs no flag comes first. */
 enum portable_content record_content_for(uint32_t structure_type, uint32_t geometry_type, uint32_t layout_flags)
 {
     const uint32_t type = structure_type == STRUCTURE_TOP ? GEOMETRY_INSTANCES : geometry_type;

@@ -6,7 +6,7 @@
 #include "builder/input/canonical_form.h"
 #include "builder/input/fetch.h"
 
-/* What becomes known about one geometry while it is read. */
+/* The facts about one geometry that are found while it is read. */
 struct fetch_source {
     _Atomic uint32_t lowest, highest; /* indices in use, as in the request */
     bool transformed; /* by a matrix other than the identity */
