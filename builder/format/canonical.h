@@ -10,7 +10,9 @@
  * Triangles: positions are three floats each, after the geometry transform, from the lowest to the highest index in
  * use; indices are u32 (three per triangle) or absent (triangle i has the vertices 3i..3i+2). AABBs: six floats each.
  * Instances: 64-byte records as in Vulkan, whose reference field is the 1-based row of the reference table, or 0 for an
- * inactive instance.
+ * inactive instance. Spheres: four floats a vertex, its centre and its radius; indices are u32 (one a sphere) or absent
+ * (sphere i is vertex i). Linear swept spheres: the same vertices, and one u32 each, the number of its first end, whose
+ * successor is its second end, with the bits CANONICAL_CAP_FIRST and CANONICAL_CAP_SECOND for the ends that have a cap.
  */
 #ifndef BVHD_CANONICAL_H
 #define BVHD_CANONICAL_H
@@ -20,16 +22,25 @@
 
 enum { CANONICAL_VERSION = 2 };
 
+/* The index of a linear swept sphere: whether its ends have caps, and its first end. */
+#define CANONICAL_CAP_FIRST UINT32_C(0x40000000)
+#define CANONICAL_CAP_SECOND UINT32_C(0x80000000)
+#define CANONICAL_END_MASK UINT32_C(0x3fffffff)
+
 /* One geometry of a canonical copy. Pointers lead into the block, and are at least 16-byte aligned if the block is. */
 struct canonical_geometry {
     uint32_t type; /* GEOMETRY_ */
     uint32_t flags; /* GEOMETRY_OPAQUE | GEOMETRY_NO_DUPLICATE_ANY_HIT */
     uint32_t primitive_count; /* triangles, boxes or instances, inactive ones included */
     uint32_t first_primitive; /* sum of primitive_count over the previous geometries: the flat id of its primitive 0 */
-    uint32_t vertex_count; /* triangles only */
+    uint32_t vertex_count; /* 0 for kinds without vertices */
     uint32_t first_vertex; /* sum of vertex_count over the previous geometries */
-    const float *positions; /* triangles: vertex_count * 3 */
-    /* triangles: primitive_count * 3 indices, each < vertex_count; NULL: vertex_count = 3 * primitive_count */
+    const float *positions; /* triangles: vertex_count * 3; spheres and linear swept spheres: vertex_count * 4 */
+    /*
+     * triangles: primitive_count * 3 indices, each < vertex_count; NULL: vertex_count = 3 * primitive_count. Spheres:
+     * primitive_count, each < vertex_count; NULL: vertex_count = primitive_count. Linear swept spheres: primitive_count,
+     * each end < vertex_count - 1; never NULL unless there are none.
+     */
     const uint32_t *indices;
     const float *boxes; /* AABBs: primitive_count * 6 */
     const unsigned char *instances; /* instances: primitive_count * 64 bytes */

@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * portable.h - the portable layout, version 1: its bytes as structs, and their reader. FORMATS.md has the tables and
- * the reasons.
+ * portable.h - the portable layout: its bytes as structs, and their reader. FORMATS.md has the tables and the reasons.
+ * Version 2 adds contents; a blob has the oldest version that knows its content.
  *
  * A blob is Vulkan's serialized header, zeros up to a multiple of 64, then the body; offsets in the body count from its
  * start. Nodes are 8-wide, quantised, 80 bytes (Ylitie 2017), with the root first. The contents of leaves are one array
  * of records, 16-byte aligned: indexed triangles (16 bytes) over one array of exact vertices, or fast triangles (48),
- * AABBs (32) or instances (128).
+ * AABBs (32), instances (128), or spheres or linear swept spheres (8) over one array of centres with radii.
  */
 #ifndef BVHD_PORTABLE_H
 #define BVHD_PORTABLE_H
@@ -45,9 +45,11 @@ enum portable_content {
     PORTABLE_TRIANGLES = 1,
     PORTABLE_AABBS = 2,
     PORTABLE_INSTANCES = 3,
+    PORTABLE_SPHERES = 4, /* this and the next one since version 2 */
+    PORTABLE_SWEPT_SPHERES = 5,
 };
 
-enum { PORTABLE_CONTENTS = PORTABLE_INSTANCES + 1 }; /* the number of contents; larger ones are unknown */
+enum { PORTABLE_CONTENTS = PORTABLE_SWEPT_SPHERES + 1 }; /* the number of contents; larger ones are unknown */
 
 enum { PORTABLE_MAGIC = 0x42485642 }; /* "BVHB" */
 
@@ -135,6 +137,18 @@ struct portable_instance {
     uint32_t reserved[4]; /* 0 */
 };
 
+/*
+ * A sphere or a linear swept sphere. Vertices have four floats, centre and radius. A linear swept sphere's ends are its
+ * vertex and the next one; bits 29 and 30 of its id say that the first and the second end have a cap.
+ */
+struct portable_round {
+    uint32_t vertex;
+    uint32_t id;
+};
+
+#define PORTABLE_ID_CAP_FIRST UINT32_C(0x20000000)
+#define PORTABLE_ID_CAP_SECOND UINT32_C(0x40000000)
+
 /* A geometry covers the flat ids first_primitive .. first_primitive + primitive_count - 1. */
 struct portable_geometry {
     uint32_t flags; /* GEOMETRY_ */
@@ -146,7 +160,7 @@ struct portable_geometry {
 _Static_assert(sizeof(struct portable_header) == 128 && sizeof(struct portable_node) == 80, "layout");
 _Static_assert(sizeof(struct portable_indexed_triangle) == 16 && sizeof(struct portable_triangle) == 48, "layout");
 _Static_assert(sizeof(struct portable_aabb) == 32 && sizeof(struct portable_instance) == 128, "layout");
-_Static_assert(sizeof(struct portable_geometry) == 16, "layout");
+_Static_assert(sizeof(struct portable_round) == 8 && sizeof(struct portable_geometry) == 16, "layout");
 
 /*
  * A blob opened for reading. All pointers lead into the blob, which must be 16-byte aligned, stay unchanged and outlive

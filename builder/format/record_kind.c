@@ -6,6 +6,8 @@ const struct record_kind *const record_kinds[PORTABLE_CONTENTS] = {
     [PORTABLE_TRIANGLES] = &record_triangles,
     [PORTABLE_AABBS] = &record_aabbs,
     [PORTABLE_INSTANCES] = &record_instances,
+    [PORTABLE_SPHERES] = &record_spheres,
+    [PORTABLE_SWEPT_SPHERES] = &record_swept_spheres,
 };
 
 /* Several contents may hold one type of geometry: the content that needs no flag comes first. */

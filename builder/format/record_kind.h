@@ -43,7 +43,8 @@ struct record_kind {
     uint32_t (*find_unsound)(const struct portable_view *view);
 };
 
-extern const struct record_kind record_indexed_triangles, record_triangles, record_aabbs, record_instances;
+extern const struct record_kind record_indexed_triangles, record_triangles, record_aabbs, record_instances,
+    record_spheres, record_swept_spheres;
 
 /* The rows by enum portable_content. */
 extern const struct record_kind *const record_kinds[PORTABLE_CONTENTS];

@@ -23,13 +23,25 @@
 enum { STRUCTURE_TOP = 0, STRUCTURE_BOTTOM = 1, STRUCTURE_GENERIC = 2 };
 
 /* VkGeometryTypeKHR */
-enum { GEOMETRY_TRIANGLES = 0, GEOMETRY_AABBS = 1, GEOMETRY_INSTANCES = 2 };
+enum {
+    GEOMETRY_TRIANGLES = 0,
+    GEOMETRY_AABBS = 1,
+    GEOMETRY_INSTANCES = 2,
+    GEOMETRY_SPHERES = 1000429004,
+    GEOMETRY_SWEPT_SPHERES = 1000429005, /* Vulkan: LINEAR_SWEPT_SPHERES_NV */
+};
 
 /* VkGeometryFlagBitsKHR */
 enum { GEOMETRY_OPAQUE = 1, GEOMETRY_NO_DUPLICATE_ANY_HIT = 2 };
 
 /* VkIndexType */
 enum { INDEX_UINT16 = 0, INDEX_UINT32 = 1, INDEX_NONE = 1000165000 };
+
+/* VkRayTracingLssIndexingModeNV */
+enum { SWEPT_LIST = 0, SWEPT_SUCCESSIVE = 1 };
+
+/* VkRayTracingLssPrimitiveEndCapsModeNV */
+enum { SWEPT_CAPS_NONE = 0, SWEPT_CAPS_CHAINED = 1 };
 
 /* VkBuildAccelerationStructureModeKHR */
 enum { MODE_BUILD = 0, MODE_UPDATE = 1 };
@@ -78,6 +90,29 @@ struct geometry_aabbs {
 };
 
 /*
+ * VkAccelerationStructureGeometrySpheresDataNV: a centre and a radius for each vertex. range.primitive_offset applies to
+ * the indices or, without indices, to both the centres and the radii.
+ */
+struct geometry_spheres {
+    uint32_t vertex_format, radius_format; /* VkFormat */
+    uint32_t index_type;
+    uint64_t vertex_stride, radius_stride, index_stride; /* bytes; 0 is legal */
+    struct bytes vertices;
+    struct bytes radii;
+    struct bytes indices; /* ignored if index_type is INDEX_NONE */
+};
+
+/*
+ * VkAccelerationStructureGeometryLinearSweptSpheresDataNV: each primitive is what a sphere sweeps that moves from one
+ * vertex to another, while its radius changes in proportion to its way.
+ */
+struct geometry_swept_spheres {
+    struct geometry_spheres ends;
+    uint32_t indexing_mode; /* SWEPT_ */
+    uint32_t end_caps_mode; /* SWEPT_CAPS_ */
+};
+
+/*
  * VkAccelerationStructureGeometryInstancesDataKHR: an array of 64-byte records. Arrays of pointers are gathered into
  * records before.
  */
@@ -93,6 +128,8 @@ struct geometry {
         struct geometry_triangles triangles;
         struct geometry_aabbs aabbs;
         struct geometry_instances instances;
+        struct geometry_spheres spheres;
+        struct geometry_swept_spheres swept_spheres;
     };
     struct geometry_range range;
 };

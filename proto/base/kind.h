@@ -15,7 +15,7 @@
 struct validate_subject;
 
 /* The kinds of geometry, numbered without gaps, which Vulkan's numbers are not. */
-enum kind_number { KIND_TRIANGLES, KIND_AABBS, KIND_INSTANCES, KIND_COUNT };
+enum kind_number { KIND_TRIANGLES, KIND_AABBS, KIND_INSTANCES, KIND_SPHERES, KIND_SWEPT_SPHERES, KIND_COUNT };
 
 struct kind {
     uint32_t type; /* GEOMETRY_ */
@@ -24,7 +24,8 @@ struct kind {
     const char *member; /* in places, as in "infos[0].geometries[1].aabbs.stride": "aabbs" */
     bool is_top; /* top levels are made of it and of nothing else; bottom levels never are */
     enum bvhd_vuid too_many; /* the rule that more primitives than the limit break */
-    uint32_t primitive_bytes; /* of a primitive in a canonical copy, without its vertices, at the most */
+    uint32_t primitive_bytes; /* of a primitive in a canonical copy: its indices, its box or its record */
+    uint32_t vertex_bytes; /* of a vertex in a canonical copy; 0: the kind has no vertices */
 
     /*
      * Checks formats, strides and index type of a geometry of this kind. It returns BVHD_INVALID with the rule and the

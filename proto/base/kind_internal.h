@@ -5,7 +5,7 @@
 
 #include "proto/base/kind.h"
 
-extern const struct kind kind_triangles, kind_aabbs, kind_instances;
+extern const struct kind kind_triangles, kind_aabbs, kind_instances, kind_spheres, kind_swept_spheres;
 
 /* For kinds whose primitives have no vertices. */
 uint64_t kind_no_vertices(const struct geometry *geometry);

@@ -75,6 +75,7 @@ const struct kind kind_triangles = {
     .member = "triangles",
     .too_many = BVHD_VUID_03795,
     .primitive_bytes = 3 * sizeof(uint32_t),
+    .vertex_bytes = 3 * sizeof(float),
     .check_shape = check_shape,
     .vertices = vertices,
 };

@@ -32,8 +32,6 @@ enum {
 /* Structure and geometry types that Vulkan defines and bvhd does not implement. */
 enum {
     STRUCTURE_OPACITY_MICROMAP = 1000623000,
-    GEOMETRY_SPHERES = 1000429004,
-    GEOMETRY_LINEAR_SWEPT_SPHERES = 1000429005,
     GEOMETRY_DENSE_TRIANGLES = 1000478000,
     GEOMETRY_MICROMAP = 1000623000,
 };
@@ -103,8 +101,6 @@ enum bvhd_status validate_geometry_count(uint32_t type, uint32_t count, uint32_t
 static enum bvhd_status check_foreign_geometry(const struct validate_subject *subject)
 {
     switch (subject->geometry->type) {
-    case GEOMETRY_SPHERES:
-    case GEOMETRY_LINEAR_SWEPT_SPHERES:
     case GEOMETRY_DENSE_TRIANGLES:
     case GEOMETRY_MICROMAP:
         return bvhd_error_set(subject->error, BVHD_UNSUPPORTED, VALIDATE_GEOMETRY_PLACE(subject, "geometryType"),
