@@ -159,7 +159,6 @@ static void outline(const struct canonical_geometry *geometry, uint32_t first, u
 }
 
 const struct input_kind input_aabbs = {
-    .primitive_size = 6 * sizeof(float),
     .check_memory = check_memory,
     .view = view,
     .fetch_primitives = fetch_boxes,

@@ -4,14 +4,15 @@
 #include <math.h>
 
 #include "builder/input/input_kind.h"
+#include "proto/base/kind.h"
 #include "proto/base/place.h"
 
 uint64_t form_bytes(const struct form_geometry *row, enum form_section section)
 {
-    const struct input_kind *kind = input_kind_of(row->type);
+    const struct kind *kind = kind_find(row->type);
     if (section == FORM_POSITIONS)
-        return (uint64_t)row->vertex_count * kind->vertex_size;
-    return kind->corners > 0 && !row->indexed ? 0 : (uint64_t)row->primitive_count * kind->primitive_size;
+        return (uint64_t)row->vertex_count * kind->vertex_bytes;
+    return kind->vertex_bytes > 0 && !row->indexed ? 0 : (uint64_t)row->primitive_count * kind->primitive_bytes;
 }
 
 uint64_t *form_offset(struct form_geometry *row, enum form_section section)

@@ -26,8 +26,6 @@ struct reach;
 
 struct input_kind {
     uint32_t corners; /* vertices of a primitive; 0: the kind has no vertices */
-    uint32_t vertex_size; /* bytes of a vertex in a canonical copy */
-    uint32_t primitive_size; /* bytes of a primitive in a canonical copy: its indices, its box or its record */
 
     /* Checks the range of the geometry, and that the memory which it names is there. */
     enum bvhd_status (*check_memory)(const struct validate_subject *subject);

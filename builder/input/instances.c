@@ -207,7 +207,6 @@ static uint32_t collect(const struct canonical *canonical, const struct canonica
 }
 
 const struct input_kind input_instances = {
-    .primitive_size = FORM_RECORD_SIZE,
     .check_memory = check_memory,
     .view = view,
     .fetch_primitives = fetch_records,

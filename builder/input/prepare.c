@@ -83,8 +83,8 @@ static uint64_t positions_expected(const struct work *work, uint64_t size)
         return 0;
     for (uint32_t i = 0; i < work->input->geometry_count && most <= MOST_RATIO * size; i++) {
         const struct geometry *geometry = &work->input->geometries[i];
-        uint64_t vertices = kind_find(geometry->type)->vertices(geometry);
-        most += bytes_align(vertices * input_kind_of(geometry->type)->vertex_size, FORM_ALIGNMENT);
+        const struct kind *kind = kind_find(geometry->type);
+        most += bytes_align(kind->vertices(geometry) * kind->vertex_bytes, FORM_ALIGNMENT);
     }
     return most <= MOST_RATIO * size && size + most <= work->max_bytes ? most : 0;
 }

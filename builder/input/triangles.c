@@ -291,8 +291,6 @@ static void outline(const struct canonical_geometry *geometry, uint32_t first, u
 
 const struct input_kind input_triangles = {
     .corners = 3,
-    .vertex_size = 3 * sizeof(float),
-    .primitive_size = 3 * sizeof(uint32_t),
     .check_memory = check_memory,
     .describe = describe,
     .view = view,

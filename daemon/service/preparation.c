@@ -38,7 +38,7 @@ static uint64_t geometry_bound(const struct geometry *geometry)
 {
     const struct kind *kind = kind_find(geometry->type);
     uint64_t count = geometry->range.primitive_count;
-    uint64_t arrays = sum(product(count, kind->primitive_bytes), product(kind->vertices(geometry), 3 * sizeof(float)));
+    uint64_t arrays = sum(product(count, kind->primitive_bytes), product(kind->vertices(geometry), kind->vertex_bytes));
     return kind->is_top ? sum(arrays, product(count, INSTANCE_BYTES)) : arrays;
 }
 

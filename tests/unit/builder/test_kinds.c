@@ -8,9 +8,10 @@
 #include "builder/update/update_kind.h"
 #include "proto/base/kind.h"
 
-static const uint32_t types[KIND_COUNT] = {GEOMETRY_TRIANGLES, GEOMETRY_AABBS, GEOMETRY_INSTANCES};
+static const uint32_t types[KIND_COUNT] = {GEOMETRY_TRIANGLES, GEOMETRY_AABBS, GEOMETRY_INSTANCES, GEOMETRY_SPHERES,
+                                           GEOMETRY_SWEPT_SPHERES};
 /* Types without a kind. */
-static const uint32_t foreign[] = {3, 1000429004, 1000429005, 1000478000, UINT32_MAX};
+static const uint32_t foreign[] = {3, 1000429003, 1000478000, UINT32_MAX};
 
 static void all_kinds_are_tested(void **state)
 {
@@ -18,6 +19,7 @@ static void all_kinds_are_tested(void **state)
     for (int i = 0; i < KIND_COUNT; i++) {
         assert_non_null(kind_find(types[i]));
         assert_int_equal(kind_find(types[i])->number, i);
+        assert_true(kind_find(types[i])->primitive_bytes > 0);
     }
 }
 
@@ -27,7 +29,7 @@ static void input_is_complete(void **state)
     for (int i = 0; i < KIND_COUNT; i++) {
         const struct input_kind *kind = input_kind_of(types[i]);
         assert_non_null(kind);
-        assert_true(kind->primitive_size > 0 && (kind->corners > 0) == (kind->vertex_size > 0));
+        assert_true((kind->corners > 0) == (kind_find(types[i])->vertex_bytes > 0));
         assert_true(kind->check_memory && kind->view && kind->fetch_primitives && kind->check_foreign);
         assert_true(kind->look && kind->collect);
         assert_true((kind->corners > 0) == (kind->fetch_vertices && kind->rebase && kind->finish && kind->describe));
