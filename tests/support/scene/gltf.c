@@ -124,7 +124,42 @@ static const struct gltf_material *material_of(const struct gltf *gltf, const st
     return &gltf->materials[mesh->materials[part]];
 }
 
-/* Accessors are numbered in the order of parts: positions, indices, then normals and texture coordinates, if any. */
+/* The arrays of a part: its positions are always there. */
+struct arrays {
+    uint32_t index_count; /* 0: no indices */
+    const void *indices;
+    bool has_normals, has_coordinates;
+};
+
+static struct arrays arrays_of(const struct gltf_material *material, const struct mesh *mesh)
+{
+    bool has_faces = !mesh->radii;
+    return (struct arrays){.index_count = mesh->line_count ? 2 * mesh->line_count : 3 * mesh->triangle_count,
+                           .indices = mesh->line_count ? (const void *)mesh->lines : mesh->triangles,
+                           .has_normals = has_faces && material->is_smooth,
+                           .has_coordinates = has_faces && material->image};
+}
+
+/* Accessors are numbered in the order of parts: positions, and what there is of indices, normals, ..., radii. */
+static int write_primitive(const struct gltf_material *material, const struct mesh *mesh, int accessor, FILE *file)
+{
+    struct arrays arrays = arrays_of(material, mesh);
+    fprintf(file, "{\"attributes\":{\"POSITION\":%d", accessor++);
+    int indices = arrays.index_count ? accessor++ : 0;
+    if (arrays.has_normals)
+        fprintf(file, ",\"NORMAL\":%d", accessor++);
+    if (arrays.has_coordinates)
+        fprintf(file, ",\"TEXCOORD_0\":%d", accessor++);
+    if (mesh->radii)
+        fprintf(file, ",\"_RADIUS\":%d", accessor++);
+    fprintf(file, "}");
+    if (indices)
+        fprintf(file, ",\"indices\":%d", indices);
+    if (mesh->radii)
+        fprintf(file, ",\"mode\":%d", mesh->line_count ? 1 : 0);
+    return accessor;
+}
+
 static void write_meshes(const struct gltf *gltf, FILE *file)
 {
     int accessor = 0;
@@ -133,15 +168,9 @@ static void write_meshes(const struct gltf *gltf, FILE *file)
         const struct gltf_mesh *mesh = &gltf->meshes[i];
         fprintf(file, "%s\n{\"name\":\"%s\",\"primitives\":[", i ? "," : "", mesh->name);
         for (int part = 0; part < mesh->part_count; part++) {
-            const struct gltf_material *material = material_of(gltf, mesh, part);
-            fprintf(file, "%s{\"attributes\":{\"POSITION\":%d", part ? "," : "", accessor);
-            int next = accessor + 2;
-            if (material->is_smooth)
-                fprintf(file, ",\"NORMAL\":%d", next++);
-            if (material->image)
-                fprintf(file, ",\"TEXCOORD_0\":%d", next++);
-            fprintf(file, "},\"indices\":%d,\"material\":%d}", accessor + 1, mesh->materials[part]);
-            accessor = next;
+            fprintf(file, "%s", part ? "," : "");
+            accessor = write_primitive(material_of(gltf, mesh, part), &mesh->parts[part], accessor, file);
+            fprintf(file, ",\"material\":%d}", mesh->materials[part]);
         }
         fprintf(file, "]}");
     }
@@ -163,21 +192,28 @@ static void write_bounds(const struct mesh *mesh, FILE *file)
             high[2]);
 }
 
+static int write_accessor(int view, int component, uint32_t count, const char *type, FILE *file)
+{
+    fprintf(file, ",\n{\"bufferView\":%d,\"componentType\":%d,\"count\":%u,\"type\":\"%s\"}", view, component, count,
+            type);
+    return view + 1;
+}
+
 static int write_part_accessors(const struct gltf_material *material, const struct mesh *mesh, int view, FILE *file)
 {
+    struct arrays arrays = arrays_of(material, mesh);
     fprintf(file, "%s\n{\"bufferView\":%d,\"componentType\":5126,\"count\":%u,\"type\":\"VEC3\",", view ? "," : "",
             view, mesh->vertex_count);
     write_bounds(mesh, file);
-    fprintf(file, "},\n{\"bufferView\":%d,\"componentType\":5125,\"count\":%u,\"type\":\"SCALAR\"}", view + 1,
-            mesh->triangle_count * 3);
-    view += 2;
-    if (material->is_smooth)
-        fprintf(file, ",\n{\"bufferView\":%d,\"componentType\":5126,\"count\":%u,\"type\":\"VEC3\"}", view++,
-                mesh->vertex_count);
-    if (material->image)
-        fprintf(file, ",\n{\"bufferView\":%d,\"componentType\":5126,\"count\":%u,\"type\":\"VEC2\"}", view++,
-                mesh->vertex_count);
-    return view;
+    fprintf(file, "}");
+    view++;
+    if (arrays.index_count)
+        view = write_accessor(view, 5125, arrays.index_count, "SCALAR", file);
+    if (arrays.has_normals)
+        view = write_accessor(view, 5126, mesh->vertex_count, "VEC3", file);
+    if (arrays.has_coordinates)
+        view = write_accessor(view, 5126, mesh->vertex_count, "VEC2", file);
+    return mesh->radii ? write_accessor(view, 5126, mesh->vertex_count, "SCALAR", file) : view;
 }
 
 static size_t write_view(size_t offset, size_t size, int target, FILE *file)
@@ -189,11 +225,15 @@ static size_t write_view(size_t offset, size_t size, int target, FILE *file)
 
 static size_t write_part_views(const struct gltf_material *material, const struct mesh *mesh, size_t offset, FILE *file)
 {
+    struct arrays arrays = arrays_of(material, mesh);
     offset = write_view(offset, (size_t)mesh->vertex_count * 12, 34962, file);
-    offset = write_view(offset, (size_t)mesh->triangle_count * 12, 34963, file);
-    if (material->is_smooth)
+    if (arrays.index_count)
+        offset = write_view(offset, (size_t)arrays.index_count * 4, 34963, file);
+    if (arrays.has_normals)
         offset = write_view(offset, (size_t)mesh->vertex_count * 12, 34962, file);
-    return material->image ? write_view(offset, (size_t)mesh->vertex_count * 8, 34962, file) : offset;
+    if (arrays.has_coordinates)
+        offset = write_view(offset, (size_t)mesh->vertex_count * 8, 34962, file);
+    return mesh->radii ? write_view(offset, (size_t)mesh->vertex_count * 4, 34962, file) : offset;
 }
 
 static void write_buffers(const struct gltf *gltf, const char *stem, FILE *file)
@@ -298,15 +338,19 @@ static void map_vertex(const struct gltf_material *material, const float at[3], 
 static void write_part_bytes(const struct gltf_material *material, const struct mesh *mesh, FILE *file)
 {
     fwrite(mesh->vertices, sizeof *mesh->vertices, mesh->vertex_count, file);
-    fwrite(mesh->triangles, sizeof *mesh->triangles, mesh->triangle_count, file);
+    struct arrays arrays = arrays_of(material, mesh);
+    if (arrays.index_count)
+        fwrite(arrays.indices, sizeof(uint32_t), arrays.index_count, file);
     float(*normals)[3] = find_normals(mesh);
-    if (material->is_smooth)
+    if (arrays.has_normals)
         fwrite(normals, sizeof *normals, mesh->vertex_count, file);
-    for (uint32_t i = 0; i < mesh->vertex_count && material->image; i++) {
+    for (uint32_t i = 0; i < mesh->vertex_count && arrays.has_coordinates; i++) {
         float uv[2];
         map_vertex(material, mesh->vertices[i], normals[i], uv);
         fwrite(uv, sizeof uv, 1, file);
     }
+    if (mesh->radii)
+        fwrite(mesh->radii, sizeof *mesh->radii, mesh->vertex_count, file);
     free(normals);
 }
 

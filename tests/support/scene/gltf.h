@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * gltf.h - a small glTF 2.0 scene: meshes of several materials, and nodes with matrices in a tree. Names are string
- * literals, or outlive the scene.
+ * literals, or outlive the scene. Parts with lines are written as LINES, those with radii alone as POINTS, and radii as
+ * the attribute _RADIUS.
  *
  * For test programs only: a scene over the fixed limits, or without memory, ends the program.
  */

@@ -9,6 +9,7 @@
 #include "tests/support/scene/adversarial.h"
 #include "tests/support/scene/dance.h"
 #include "tests/support/scene/gallery.h"
+#include "tests/support/scene/hair.h"
 #include "tests/support/scene/park.h"
 
 enum { PARK_SIZE = 90000, ADVERSARIAL_SIZE = 20000, MOST = 20000000, EXIT_USAGE = 2 };
@@ -28,6 +29,13 @@ static void print_usage(FILE *file)
         "beside it.\n"
         "  --size is the approximate number of triangles of the ground (%d by default).\n"
         "\n"
+        "hair, hair-tubes: strands on a scalp, as lines with radii or as tubes of triangles; FILE ends in .gltf. "
+        "--size "
+        "is the\n"
+        "  number of strands (%d by default), of %d points each.\n"
+        "\n"
+        "cloud: a sea shell of points with radii; FILE ends in .gltf or .ply. --size is their number (%d by default).\n"
+        "\n"
         "dance: skins, morph targets and nodes that move for four seconds; FILE ends in .glb.\n"
         "\n"
         "gallery-NAME: one of the scenes of the contact sheet, as glTF, of a fixed size; --gallery prints their "
@@ -35,7 +43,7 @@ static void print_usage(FILE *file)
         "\n"
         "Each other scene is one mesh in a binary little-endian PLY. --size is the approximate number of triangles\n"
         "(%d by default). --list prints the names, one on each line. What they test:\n",
-        PARK_SIZE, ADVERSARIAL_SIZE);
+        PARK_SIZE, HAIR_STRANDS, HAIR_POINTS, CLOUD_SIZE, ADVERSARIAL_SIZE);
     for (uint32_t i = 0; i < count; i++)
         fprintf(file, "  %-15s %s\n", scenes[i].name, scenes[i].shows);
 }
@@ -94,20 +102,57 @@ static int parse(int argc, char **argv, struct options *ret_options)
     return options.name && options.path ? 0 : -1;
 }
 
-/* `scene` is NULL for the park. */
-static int make_gltf(const struct gallery_scene *scene, const struct options *options)
+static int write_gltf(const struct options *options, struct gltf *gltf)
+{
+    int result = gltf_write(gltf, options->path);
+    if (result == 0)
+        printf("%s: %llu triangles, %d nodes, %d meshes\n", options->path, (unsigned long long)gltf_triangles(gltf),
+               gltf->node_count, gltf->mesh_count);
+    gltf_finish(gltf);
+    return result;
+}
+
+static int make_gallery(const struct gallery_scene *scene, const struct options *options)
 {
     struct gltf gltf = {0};
     struct random random = {options->seed};
-    if (scene)
-        scene->make(&gltf, &random);
-    else
-        park_make(&gltf, (uint32_t)(options->size ? options->size : PARK_SIZE), &random);
-    int result = gltf_write(&gltf, options->path);
+    scene->make(&gltf, &random);
+    return write_gltf(options, &gltf);
+}
+
+static int make_park(const struct options *options)
+{
+    struct gltf gltf = {0};
+    struct random random = {options->seed};
+    park_make(&gltf, (uint32_t)(options->size ? options->size : PARK_SIZE), &random);
+    return write_gltf(options, &gltf);
+}
+
+static int make_hair(const struct options *options)
+{
+    struct gltf gltf = {0};
+    struct random random = {options->seed};
+    hair_make_scene(&gltf, (uint32_t)(options->size ? options->size : HAIR_STRANDS),
+                    strcmp(options->name, "hair-tubes") == 0, &random);
+    return write_gltf(options, &gltf);
+}
+
+static int make_cloud(const struct options *options)
+{
+    struct gltf gltf = {0};
+    struct mesh mesh = {0};
+    struct random random = {options->seed};
+    uint32_t size = (uint32_t)(options->size ? options->size : CLOUD_SIZE);
+    size_t length = strlen(options->path);
+    if (length < 4 || strcmp(options->path + length - 4, ".ply") != 0) {
+        cloud_make_scene(&gltf, size, &random);
+        return write_gltf(options, &gltf);
+    }
+    cloud_make(&mesh, &mesh, size, &random);
+    int result = mesh_write_ply(&mesh, "a sea shell of points", options->path);
     if (result == 0)
-        printf("%s: %llu triangles, %d nodes, %d meshes\n", options->path, (unsigned long long)gltf_triangles(&gltf),
-               gltf.node_count, gltf.mesh_count);
-    gltf_finish(&gltf);
+        printf("%s: %u points\n", options->path, mesh.vertex_count);
+    mesh_finish(&mesh);
     return result;
 }
 
@@ -131,6 +176,28 @@ static int make_adversarial(const struct adversarial *scene, const struct option
     return result;
 }
 
+/* The scenes that are not in a table elsewhere. */
+static const struct {
+    const char *name;
+    int (*make)(const struct options *options);
+} single_scenes[] = {
+    {"park", make_park}, {"dance", make_dance}, {"hair", make_hair}, {"hair-tubes", make_hair}, {"cloud", make_cloud},
+};
+
+/* Returns 0, -1 with errno set, or 1: there is no such scene. */
+static int make(const struct options *options)
+{
+    const struct adversarial *scene = adversarial_find(options->name);
+    const struct gallery_scene *in_gallery =
+        strncmp(options->name, "gallery-", 8) == 0 ? gallery_find(options->name + 8) : NULL;
+    for (size_t i = 0; i < sizeof single_scenes / sizeof *single_scenes; i++)
+        if (strcmp(options->name, single_scenes[i].name) == 0)
+            return single_scenes[i].make(options);
+    if (in_gallery)
+        return make_gallery(in_gallery, options);
+    return scene ? make_adversarial(scene, options) : 1;
+}
+
 int main(int argc, char **argv)
 {
     struct options options;
@@ -146,19 +213,10 @@ int main(int argc, char **argv)
         print_usage(stderr);
         return EXIT_USAGE;
     }
-    const struct adversarial *scene = adversarial_find(options.name);
-    const struct gallery_scene *in_gallery =
-        strncmp(options.name, "gallery-", 8) == 0 ? gallery_find(options.name + 8) : NULL;
-    bool is_dance = strcmp(options.name, "dance") == 0;
-    if (!scene && !in_gallery && !is_dance && strcmp(options.name, "park") != 0) {
+    int result = make(&options);
+    if (result > 0)
         fprintf(stderr, "make_scene: %s: no such scene; --list and --gallery print the names\n", options.name);
-        return EXIT_USAGE;
-    }
-    if ((is_dance ? make_dance(&options)
-         : scene  ? make_adversarial(scene, &options)
-                  : make_gltf(in_gallery, &options)) != 0) {
+    else if (result < 0)
         fprintf(stderr, "make_scene: %s: %s\n", options.path, strerror(errno));
-        return 1;
-    }
-    return 0;
+    return result > 0 ? EXIT_USAGE : result < 0;
 }

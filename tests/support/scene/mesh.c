@@ -24,7 +24,9 @@ void mesh_finish(struct mesh *mesh)
     if (!mesh)
         return;
     free(mesh->vertices);
+    free(mesh->radii);
     free(mesh->triangles);
+    free(mesh->lines);
     *mesh = (struct mesh){0};
 }
 
@@ -36,6 +38,20 @@ uint32_t mesh_add_vertex(struct mesh *mesh, double x, double y, double z)
     vertex[1] = (float)y;
     vertex[2] = (float)z;
     return mesh->vertex_count++;
+}
+
+uint32_t mesh_add_round_vertex(struct mesh *mesh, const double centre[3], double radius)
+{
+    mesh->radii = grow(mesh->radii, mesh->vertex_count, &mesh->radius_capacity, sizeof *mesh->radii);
+    mesh->radii[mesh->vertex_count] = (float)radius;
+    return mesh_add_vertex(mesh, centre[0], centre[1], centre[2]);
+}
+
+void mesh_add_line(struct mesh *mesh, uint32_t a, uint32_t b)
+{
+    mesh->lines = grow(mesh->lines, mesh->line_count, &mesh->line_capacity, sizeof *mesh->lines);
+    mesh->lines[mesh->line_count][0] = a;
+    mesh->lines[mesh->line_count++][1] = b;
 }
 
 void mesh_add_triangle(struct mesh *mesh, uint32_t a, uint32_t b, uint32_t c)
@@ -181,12 +197,25 @@ void mesh_add_sphere(struct mesh *mesh, const double centre[3], double radius, u
 
 static int write_body(const struct mesh *mesh, FILE *file)
 {
-    if (fwrite(mesh->vertices, sizeof *mesh->vertices, mesh->vertex_count, file) != mesh->vertex_count)
-        return -1;
+    for (uint32_t i = 0; i < mesh->vertex_count; i++)
+        if (fwrite(mesh->vertices[i], sizeof mesh->vertices[i], 1, file) != 1 ||
+            (mesh->radii && fwrite(&mesh->radii[i], sizeof mesh->radii[i], 1, file) != 1))
+            return -1;
     for (uint32_t i = 0; i < mesh->triangle_count; i++)
         if (putc(3, file) == EOF || fwrite(mesh->triangles[i], sizeof mesh->triangles[i], 1, file) != 1)
             return -1;
     return 0;
+}
+
+static int write_header(const struct mesh *mesh, const char *comment, FILE *file)
+{
+    fprintf(file, "ply\nformat binary_little_endian 1.0\ncomment %s\nelement vertex %u\n", comment, mesh->vertex_count);
+    fprintf(file, "property float x\nproperty float y\nproperty float z\n%s",
+            mesh->radii ? "property float radius\n" : "");
+    if (mesh->triangle_count || !mesh->radii)
+        fprintf(file, "element face %u\nproperty list uchar int vertex_indices\n", mesh->triangle_count);
+    fprintf(file, "end_header\n");
+    return ferror(file) ? -1 : 0;
 }
 
 int mesh_write_ply(const struct mesh *mesh, const char *comment, const char *path)
@@ -194,13 +223,6 @@ int mesh_write_ply(const struct mesh *mesh, const char *comment, const char *pat
     FILE *file = fopen(path, "wb");
     if (!file)
         return -1;
-    int result =
-        fprintf(
-            file,
-            "ply\nformat binary_little_endian 1.0\ncomment %s\nelement vertex %u\nproperty float x\nproperty float y\n"
-            "property float z\nelement face %u\nproperty list uchar int vertex_indices\nend_header\n",
-            comment, mesh->vertex_count, mesh->triangle_count) < 0
-            ? -1
-            : write_body(mesh, file);
+    int result = write_header(mesh, comment, file) != 0 ? -1 : write_body(mesh, file);
     return fclose(file) != 0 ? -1 : result;
 }

@@ -7,6 +7,7 @@
 #include <unistd.h>
 
 #include "tests/support/scene/adversarial.h"
+#include "tests/support/scene/hair.h"
 #include "tests/support/scene/park.h"
 
 static struct mesh make(const char *name, uint32_t size, uint64_t seed)
@@ -232,15 +233,87 @@ static void ply_has_every_byte(void **state)
     mesh_finish(&mesh);
 }
 
+static struct mesh make_strands(uint32_t strands, uint64_t seed)
+{
+    struct mesh mesh = {0};
+    struct random random = {seed};
+    hair_make(&mesh, strands, &random);
+    return mesh;
+}
+
+static void strands_are_chains_that_become_thinner(void **state)
+{
+    struct mesh hair = make_strands(50, 1), same = make_strands(50, 1), other = make_strands(50, 2);
+    (void)state;
+    assert_int_equal(hair.vertex_count, 50 * HAIR_POINTS);
+    assert_int_equal(hair.line_count, 50 * (HAIR_POINTS - 1));
+    assert_memory_equal(hair.vertices, same.vertices, hair.vertex_count * sizeof *hair.vertices);
+    assert_memory_equal(hair.radii, same.radii, hair.vertex_count * sizeof *hair.radii);
+    assert_memory_not_equal(hair.vertices, other.vertices, hair.vertex_count * sizeof *hair.vertices);
+    for (uint32_t i = 0; i < hair.line_count; i++) {
+        uint32_t first = i / (HAIR_POINTS - 1) * HAIR_POINTS + i % (HAIR_POINTS - 1);
+        assert_int_equal(hair.lines[i][0], first);
+        assert_int_equal(hair.lines[i][1], first + 1);
+        assert_true(hair.radii[first] > hair.radii[first + 1] && hair.radii[first + 1] > 0);
+    }
+    mesh_finish(&hair);
+    mesh_finish(&same);
+    mesh_finish(&other);
+}
+
+/* The corners of the tubes are as far from the strands' points as the radii say. */
+static void tubes_follow_the_strands(void **state)
+{
+    struct mesh hair = make_strands(20, 3), tubes = {0};
+    (void)state;
+    hair_make_tubes(&hair, HAIR_SIDES, &tubes);
+    assert_int_equal(tubes.vertex_count, hair.vertex_count * HAIR_SIDES);
+    assert_int_equal(tubes.triangle_count, 20 * (2 * HAIR_SIDES * (HAIR_POINTS - 1) + 2 * (HAIR_SIDES - 2)));
+    for (uint32_t i = 0; i < tubes.vertex_count; i++) {
+        double square = 0;
+        for (int axis = 0; axis < 3; axis++)
+            square += pow((double)tubes.vertices[i][axis] - hair.vertices[i / HAIR_SIDES][axis], 2);
+        assert_float_equal(sqrt(square), hair.radii[i / HAIR_SIDES], 1e-6);
+    }
+    mesh_finish(&hair);
+    mesh_finish(&tubes);
+}
+
+static void clouds_have_radii(void **state)
+{
+    struct mesh plain = {0}, stripes = {0}, all = {0};
+    struct random random = {1}, again = {1};
+    (void)state;
+    cloud_make(&plain, &stripes, 1000, &random);
+    cloud_make(&all, &all, 1000, &again);
+    assert_int_equal(plain.vertex_count + stripes.vertex_count, 1000);
+    assert_int_equal(all.vertex_count, 1000);
+    assert_true(plain.vertex_count && stripes.vertex_count);
+    for (uint32_t i = 0; i < all.vertex_count; i++)
+        assert_true(all.radii[i] > 0 && all.radii[i] < 0.1f);
+    mesh_finish(&plain);
+    mesh_finish(&stripes);
+    mesh_finish(&all);
+}
+
 int main(void)
 {
     static const struct CMUnitTest tests[] = {
-        cmocka_unit_test(all_are_reproducible),       cmocka_unit_test(seeds_differ),
-        cmocka_unit_test(sizes_are_about_right),      cmocka_unit_test(nan_is_in_x_alone),
-        cmocka_unit_test(infinities_are_there),       cmocka_unit_test(magnitudes_are_as_named),
-        cmocka_unit_test(degenerates_have_no_area),   cmocka_unit_test(duplicates_are_equal),
-        cmocka_unit_test(colocated_share_a_centroid), cmocka_unit_test(closed_surfaces_face_outward),
-        cmocka_unit_test(park_is_large_and_sound),    cmocka_unit_test(ply_has_every_byte),
+        cmocka_unit_test(all_are_reproducible),
+        cmocka_unit_test(seeds_differ),
+        cmocka_unit_test(sizes_are_about_right),
+        cmocka_unit_test(nan_is_in_x_alone),
+        cmocka_unit_test(infinities_are_there),
+        cmocka_unit_test(magnitudes_are_as_named),
+        cmocka_unit_test(degenerates_have_no_area),
+        cmocka_unit_test(duplicates_are_equal),
+        cmocka_unit_test(colocated_share_a_centroid),
+        cmocka_unit_test(closed_surfaces_face_outward),
+        cmocka_unit_test(park_is_large_and_sound),
+        cmocka_unit_test(ply_has_every_byte),
+        cmocka_unit_test(strands_are_chains_that_become_thinner),
+        cmocka_unit_test(tubes_follow_the_strands),
+        cmocka_unit_test(clouds_have_radii),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
