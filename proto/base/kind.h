@@ -23,7 +23,11 @@ struct kind {
     const char *noun; /* in texts: "AABBs" */
     const char *member; /* in places, as in "infos[0].geometries[1].aabbs.stride": "aabbs" */
     bool is_top; /* top levels are made of it and of nothing else; bottom levels never are */
-    enum bvhd_vuid too_many; /* the rule that more primitives than the limit break */
+    /*
+     * The rule that more primitives than the limit break. BVHD_VUID_NONE: Vulkan counts this kind against no limit, and
+     * bvhd's own is BVHD_TOO_LARGE.
+     */
+    enum bvhd_vuid too_many;
     uint32_t primitive_bytes; /* of a primitive in a canonical copy: its indices, its box or its record */
     uint32_t vertex_bytes; /* of a vertex in a canonical copy; 0: the kind has no vertices */
 

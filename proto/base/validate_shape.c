@@ -122,7 +122,7 @@ static enum bvhd_status check_geometry_type(const struct validate_subject *subje
                                "%s in a top level, which is made of instances", kind->noun);
     if (input->type == STRUCTURE_BOTTOM && kind->is_top)
         return bvhd_error_rule(subject->error, BVHD_VUID_03791, VALIDATE_GEOMETRY_PLACE(subject, "geometryType"),
-                               "%s in a bottom level, which is made of triangles or AABBs", kind->noun);
+                               "%s in a bottom level; only top levels are made of them", kind->noun);
     if (kind != first)
         return bvhd_error_rule(subject->error, BVHD_VUID_03792, VALIDATE_GEOMETRY_PLACE(subject, "geometryType"),
                                "%s after %s: a bottom level has one type of geometry", kind->noun, first->noun);
@@ -150,6 +150,9 @@ static enum bvhd_status check_primitive_count(const struct validate_subject *sub
     *total += subject->geometry->range.primitive_count;
     if (*total <= most)
         return BVHD_OK;
+    if (kind->too_many == BVHD_VUID_NONE)
+        return bvhd_error_set(subject->error, BVHD_TOO_LARGE, VALIDATE_RANGE_PLACE(subject, "primitiveCount"),
+                              "%" PRIu64 " %s up to here, at most %" PRIu64, *total, kind->noun, most);
     return bvhd_error_rule(subject->error, kind->too_many, VALIDATE_RANGE_PLACE(subject, "primitiveCount"),
                            "%" PRIu64 " primitives up to here, at most %" PRIu64, *total, most);
 }

@@ -9,10 +9,25 @@ static const struct vertex_element elements[] = {
 #undef VERTEX_FORMAT
 };
 
+static const struct vertex_element radii[] = {
+    {RADIUS_FLOAT16, "R16_SFLOAT", 2, 2},
+    {RADIUS_FLOAT32, "R32_SFLOAT", 4, 4},
+};
+
+static const struct vertex_element *find(const struct vertex_element *among, size_t count, uint32_t format)
+{
+    for (size_t i = 0; i < count; i++)
+        if (among[i].format == format)
+            return &among[i];
+    return NULL;
+}
+
 const struct vertex_element *vertex_element_find(uint32_t format)
 {
-    for (size_t i = 0; i < sizeof elements / sizeof elements[0]; i++)
-        if (elements[i].format == format)
-            return &elements[i];
-    return NULL;
+    return find(elements, sizeof elements / sizeof elements[0], format);
+}
+
+const struct vertex_element *radius_element_find(uint32_t format)
+{
+    return find(radii, sizeof radii / sizeof radii[0], format);
 }

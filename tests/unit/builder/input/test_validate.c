@@ -86,10 +86,12 @@ CHANGE(two_in_top, test->input.geometry_count = 2)
 CHANGE(none_in_top, test->input.geometry_count = 0)
 CHANGE(no_geometries, test->input.geometries = NULL)
 CHANGE(unknown_geometry, test->geometries[1].type = 3)
-CHANGE(spheres, test->geometries[1].type = 1000429004)
+CHANGE(dense_triangles, test->geometries[1].type = 1000478000)
 CHANGE(triangles_in_top, test->input.type = STRUCTURE_TOP; test->input.geometry_count = 1)
 CHANGE(instances_in_bottom, test->input.type = STRUCTURE_BOTTOM)
 CHANGE(instances_second, test->geometries[1].type = GEOMETRY_INSTANCES)
+CHANGE(mixed_with_spheres, test->geometries[1].type = GEOMETRY_SPHERES)
+CHANGE(spheres_in_top, test->geometries[0].type = GEOMETRY_SPHERES)
 CHANGE(mixed, test->geometries[1].type = GEOMETRY_AABBS)
 CHANGE(unknown_geometry_flags, test->geometries[1].flags = 4)
 
@@ -184,11 +186,13 @@ static const struct wrong entries[] = {
     WRONG(instances, none_in_top, BUILD "type-03790", "infos[3].geometryCount"),
     WRONG(triangles, no_geometries, BUILD "pGeometries-parameter", "infos[3].pGeometries"),
     WRONG(triangles, unknown_geometry, GEOMETRY "geometryType-parameter", "infos[3].geometries[1].geometryType"),
-    FOREIGN(triangles, spheres, "infos[3].geometries[1].geometryType"),
+    FOREIGN(triangles, dense_triangles, "infos[3].geometries[1].geometryType"),
     WRONG(triangles, triangles_in_top, BUILD "type-03789", "infos[3].geometries[0].geometryType"),
     WRONG(instances, instances_in_bottom, BUILD "type-03791", "infos[3].geometries[0].geometryType"),
     WRONG(triangles, instances_second, BUILD "type-03791", "infos[3].geometries[1].geometryType"),
     WRONG(triangles, mixed, BUILD "type-03792", "infos[3].geometries[1].geometryType"),
+    WRONG(triangles, mixed_with_spheres, BUILD "type-03792", "infos[3].geometries[1].geometryType"),
+    WRONG(instances, spheres_in_top, BUILD "type-03789", "infos[3].geometries[0].geometryType"),
     WRONG(triangles, unknown_geometry_flags, GEOMETRY "flags-parameter", "infos[3].geometries[1].flags"),
 
     WRONG(triangles, unknown_format, TRIANGLES_DATA "vertexFormat-03797",

@@ -4,11 +4,13 @@
 
 #include "proto/base/kind.h"
 #include "proto/base/validate_shape.h"
+#include "proto/base/vertex_element.h"
 
 static void every_type_has_one_kind(void **state)
 {
     (void)state;
-    static const uint32_t types[KIND_COUNT] = {GEOMETRY_TRIANGLES, GEOMETRY_AABBS, GEOMETRY_INSTANCES};
+    static const uint32_t types[KIND_COUNT] = {GEOMETRY_TRIANGLES, GEOMETRY_AABBS, GEOMETRY_INSTANCES, GEOMETRY_SPHERES,
+                                               GEOMETRY_SWEPT_SPHERES};
     for (int i = 0; i < KIND_COUNT; i++) {
         const struct kind *kind = kind_find(types[i]);
         assert_non_null(kind);
@@ -16,7 +18,7 @@ static void every_type_has_one_kind(void **state)
         assert_int_equal(kind->type, types[i]);
         assert_int_equal(kind->is_top, types[i] == GEOMETRY_INSTANCES);
     }
-    static const uint32_t foreign[] = {3, 1000429004, 1000429005, 1000478000, UINT32_MAX};
+    static const uint32_t foreign[] = {3, 1000429003, 1000429006, 1000478000, UINT32_MAX};
     for (size_t i = 0; i < sizeof foreign / sizeof *foreign; i++)
         assert_null(kind_find(foreign[i]));
 }
@@ -50,6 +52,68 @@ static void vertices_are_counted(void **state)
         assert_int_equal(kind_find(GEOMETRY_AABBS)->vertices(&geometry), 0);
         assert_int_equal(kind_find(GEOMETRY_INSTANCES)->vertices(&geometry), 0);
     }
+}
+
+static struct geometry make_spheres(uint32_t index_type)
+{
+    return (struct geometry){
+        .type = GEOMETRY_SPHERES,
+        .spheres = {.vertex_format = 106,
+                    .radius_format = RADIUS_FLOAT32,
+                    .index_type = index_type,
+                    .vertex_stride = 12,
+                    .radius_stride = 4,
+                    .vertices = {NULL, 1200},
+                    .radii = {NULL, 400}},
+    };
+}
+
+static struct geometry make_swept(uint32_t index_type, uint32_t mode)
+{
+    struct geometry geometry = {.type = GEOMETRY_SWEPT_SPHERES};
+    geometry.swept_spheres.ends = make_spheres(index_type).spheres;
+    geometry.swept_spheres.indexing_mode = mode;
+    return geometry;
+}
+
+static void expect_vertices(struct geometry geometry, uint32_t count, uint64_t vertices)
+{
+    geometry.range.primitive_count = count;
+    assert_int_equal(kind_find(geometry.type)->vertices(&geometry), vertices);
+}
+
+static void vertices_of_spheres_are_counted(void **state)
+{
+    (void)state;
+    struct geometry geometry = make_spheres(INDEX_NONE);
+    expect_vertices(geometry, 0, 0);
+    expect_vertices(geometry, 7, 7);
+    expect_vertices(geometry, UINT32_MAX, UINT32_MAX);
+    geometry = make_spheres(INDEX_UINT32);
+    expect_vertices(geometry, 0, 0);
+    expect_vertices(geometry, 7, 100);
+    geometry.spheres.radii.size = 197; /* the last radius may end before its stride does */
+    expect_vertices(geometry, 7, 50);
+    geometry.spheres.radius_stride = 0;
+    expect_vertices(geometry, 7, 100);
+    geometry.spheres.vertex_stride = 0;
+    expect_vertices(geometry, 7, 1);
+    geometry.spheres.radius_stride = 1;
+    expect_vertices(geometry, 7, 197);
+    geometry.spheres.radii.size = UINT64_MAX;
+    expect_vertices(geometry, 7, UINT64_C(1) << 32);
+    geometry.spheres.index_type = INDEX_UINT16;
+    expect_vertices(geometry, 7, 1 << 16);
+}
+
+static void ends_of_swept_spheres_are_counted(void **state)
+{
+    (void)state;
+    expect_vertices(make_swept(INDEX_NONE, SWEPT_LIST), 0, 0);
+    expect_vertices(make_swept(INDEX_NONE, SWEPT_LIST), UINT32_MAX, 2 * (uint64_t)UINT32_MAX);
+    expect_vertices(make_swept(INDEX_UINT16, SWEPT_LIST), 1000, 2000);
+    expect_vertices(make_swept(INDEX_UINT32, SWEPT_SUCCESSIVE), 0, 0);
+    expect_vertices(make_swept(INDEX_UINT32, SWEPT_SUCCESSIVE), 1000, 101);
 }
 
 /* Checks the shape of a geometry twice: with its strides, and without. */
@@ -96,12 +160,112 @@ static void wrong_shapes_are_refused(void **state)
     expect(&geometry, BVHD_VUID_NONE, BVHD_VUID_NONE);
 }
 
+/* Breaks each rule that both round kinds have, one after the other: an earlier one is reported before a later one. */
+static void expect_round(struct geometry *geometry, struct geometry_spheres *spheres, const enum bvhd_vuid rules[8])
+{
+    expect(geometry, BVHD_VUID_NONE, BVHD_VUID_NONE);
+    spheres->index_type = 1000265000;
+    expect(geometry, rules[7], rules[7]);
+    spheres->index_type = 4711;
+    expect(geometry, rules[6], rules[6]);
+    spheres->radius_stride = UINT64_C(1) << 32;
+    expect(geometry, rules[5], rules[6]);
+    spheres->radius_format = 112;
+    expect(geometry, rules[4], rules[4]);
+    spheres->radius_format = 999999999;
+    expect(geometry, rules[3], rules[3]);
+    spheres->vertex_stride = UINT64_C(1) << 32;
+    expect(geometry, rules[5], rules[3]);
+    spheres->vertex_stride = 14;
+    expect(geometry, rules[2], rules[3]);
+    spheres->vertex_format = RADIUS_FLOAT32;
+    expect(geometry, rules[1], rules[1]);
+    spheres->vertex_format = 185;
+    expect(geometry, rules[0], rules[0]);
+}
+
+static void wrong_spheres_are_refused(void **state)
+{
+    (void)state;
+    static const enum bvhd_vuid rules[8] = {
+        BVHD_VUID_SpheresData_vertexFormat_parameter, BVHD_VUID_10434, BVHD_VUID_10431,
+        BVHD_VUID_SpheresData_radiusFormat_parameter, BVHD_VUID_10435, BVHD_VUID_10432,
+        BVHD_VUID_SpheresData_indexType_parameter,    BVHD_VUID_10437,
+    };
+    struct geometry geometry = make_spheres(INDEX_UINT16);
+    expect_round(&geometry, &geometry.spheres, rules);
+}
+
+static void wrong_swept_spheres_are_refused(void **state)
+{
+    (void)state;
+    static const enum bvhd_vuid rules[8] = {
+        BVHD_VUID_LinearSweptSpheresData_vertexFormat_parameter, BVHD_VUID_10423, BVHD_VUID_10421,
+        BVHD_VUID_LinearSweptSpheresData_radiusFormat_parameter, BVHD_VUID_10424, BVHD_VUID_10422,
+        BVHD_VUID_LinearSweptSpheresData_indexType_parameter,    BVHD_VUID_10428,
+    };
+    struct geometry geometry = make_swept(INDEX_UINT32, SWEPT_SUCCESSIVE);
+    expect_round(&geometry, &geometry.swept_spheres.ends, rules);
+
+    geometry = make_swept(INDEX_NONE, SWEPT_LIST);
+    geometry.swept_spheres.end_caps_mode = SWEPT_CAPS_CHAINED;
+    expect(&geometry, BVHD_VUID_NONE, BVHD_VUID_NONE);
+    geometry.swept_spheres.indexing_mode = SWEPT_SUCCESSIVE;
+    expect(&geometry, BVHD_VUID_10427, BVHD_VUID_10427);
+    geometry.swept_spheres.end_caps_mode = 2;
+    expect(&geometry, BVHD_VUID_LinearSweptSpheresData_endCapsMode_parameter,
+           BVHD_VUID_LinearSweptSpheresData_endCapsMode_parameter);
+    geometry.swept_spheres.indexing_mode = 2;
+    expect(&geometry, BVHD_VUID_LinearSweptSpheresData_indexingMode_parameter,
+           BVHD_VUID_LinearSweptSpheresData_indexingMode_parameter);
+}
+
+/* What Vulkan has no rule about is legal: the alignment of radii, and the strides of indices. */
+static void unusual_spheres_are_accepted(void **state)
+{
+    (void)state;
+    struct geometry geometry = make_spheres(INDEX_UINT32);
+    geometry.spheres.radius_stride = 3;
+    geometry.spheres.index_stride = UINT64_MAX;
+    expect(&geometry, BVHD_VUID_NONE, BVHD_VUID_NONE);
+    geometry.spheres.radius_format = RADIUS_FLOAT16;
+    geometry.spheres.vertex_stride = geometry.spheres.radius_stride = geometry.spheres.index_stride = 0;
+    expect(&geometry, BVHD_VUID_NONE, BVHD_VUID_NONE);
+}
+
+/* Vulkan's limit counts triangles and AABBs. */
+static void many_round_primitives_are_too_large(void **state)
+{
+    (void)state;
+    struct geometry geometries[] = {make_spheres(INDEX_NONE), make_swept(INDEX_NONE, SWEPT_LIST)};
+    const struct limits limits = limits_default();
+    for (int i = 0; i < 2; i++) {
+        struct geometry *geometry = &geometries[i];
+        struct bvhd_error error = {.status = BVHD_OK};
+        const struct validate_subject subject = {geometry, 1, 0, &error, false};
+        const struct build_input input = {.type = STRUCTURE_BOTTOM, .geometry_count = 1, .geometries = geometry};
+        uint64_t total = 0;
+        geometry->range.primitive_count = (uint32_t)limits.max_primitives;
+        assert_int_equal(validate_geometry(&subject, &input, &limits, &total), BVHD_OK);
+        geometry->range.primitive_count = 1;
+        assert_int_equal(validate_geometry(&subject, &input, &limits, &total), BVHD_TOO_LARGE);
+        assert_string_equal(error.where, "ranges[1][0].primitiveCount");
+        assert_int_equal(error.vuid, BVHD_VUID_NONE);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(every_type_has_one_kind),
         cmocka_unit_test(vertices_are_counted),
+        cmocka_unit_test(vertices_of_spheres_are_counted),
+        cmocka_unit_test(ends_of_swept_spheres_are_counted),
         cmocka_unit_test(wrong_shapes_are_refused),
+        cmocka_unit_test(wrong_spheres_are_refused),
+        cmocka_unit_test(wrong_swept_spheres_are_refused),
+        cmocka_unit_test(unusual_spheres_are_accepted),
+        cmocka_unit_test(many_round_primitives_are_too_large),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
