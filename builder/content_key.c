@@ -75,7 +75,7 @@ static struct root describe_root(const struct canonical *canonical, const struct
     bytes_put64(root.bytes, canonical->size);
     bytes_put32(root.bytes + 8, BUILD_VERSION);
     bytes_put32(root.bytes + 12, layout->target);
-    bytes_put32(root.bytes + 16, layout->version);
+    bytes_put32(root.bytes + 16, layout_version(layout, canonical));
     bytes_put32(root.bytes + 20, options->layout_flags);
     bytes_put32(root.bytes + 24, tier_resolve(canonical, options));
     describe_device(&options->device, layout->variants, root.bytes + 28);
@@ -199,7 +199,7 @@ enum bvhd_status content_key_update(const struct canonical *canonical, const str
     bytes_put64(root.bytes + 32, canonical->size);
     bytes_put32(root.bytes + 40, REFIT_VERSION);
     bytes_put32(root.bytes + 44, layout->target);
-    bytes_put32(root.bytes + 48, layout->version);
+    bytes_put32(root.bytes + 48, layout_version(layout, canonical));
     return digest_copy(canonical, &root, context, ret_key, error);
 }
 

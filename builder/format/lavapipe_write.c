@@ -318,6 +318,13 @@ static enum bvhd_status lavapipe_write(const struct layout_input *input, unsigne
     return status;
 }
 
+static uint32_t lavapipe_version(uint32_t geometry_type)
+{
+    const bool is_known =
+        geometry_type == GEOMETRY_TRIANGLES || geometry_type == GEOMETRY_AABBS || geometry_type == GEOMETRY_INSTANCES;
+    return is_known ? LAVAPIPE_VERSION : 0;
+}
+
 /* The later variant's padding is counted for both. */
 static uint64_t lavapipe_bound(const struct layout_counts *counts)
 {
@@ -332,7 +339,7 @@ static uint64_t lavapipe_bound(const struct layout_counts *counts)
 const struct layout layout_lavapipe = {
     .target = TARGET_LAVAPIPE,
     .name = "lavapipe",
-    .version = LAVAPIPE_VERSION,
+    .version = lavapipe_version,
     .arity = 2,
     .leaf_max = 1,
     .depth_limit = LAVAPIPE_MAX_LEVELS + 1,

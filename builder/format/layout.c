@@ -1,6 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "builder/format/layout.h"
 
+#include "proto/base/kind.h"
+#include "proto/base/place.h"
+
 static const struct layout *const layouts[] = {&layout_portable, &layout_lavapipe};
 
 enum { LAYOUT_COUNT = sizeof layouts / sizeof layouts[0] };
@@ -19,4 +22,20 @@ const struct layout *layout_find_name(const char *name)
         if (strcmp(layouts[i]->name, name) == 0)
             return layouts[i];
     return NULL;
+}
+
+/* A structure without geometries is one of triangles, or of instances. */
+uint32_t layout_version(const struct layout *layout, const struct canonical *canonical)
+{
+    const uint32_t none = canonical->type == STRUCTURE_TOP ? GEOMETRY_INSTANCES : GEOMETRY_TRIANGLES;
+    return layout->version(canonical->geometry_count > 0 ? canonical->geometries[0].type : none);
+}
+
+enum bvhd_status layout_check_kind(const struct layout *layout, const struct validate_subject *subject)
+{
+    const uint32_t type = subject->geometry->type;
+    if (layout->version(type) > 0)
+        return BVHD_OK;
+    return bvhd_error_set(subject->error, BVHD_UNSUPPORTED, VALIDATE_GEOMETRY_PLACE(subject, "geometryType"),
+                          "target %s has no %s", layout->name, kind_find(type)->noun);
 }

@@ -13,6 +13,7 @@
 #include "builder/format/output.h"
 #include "proto/base/parallel.h"
 #include "builder/format/wide.h"
+#include "proto/base/validate_shape.h"
 
 /* How many bytes of a blob each section takes. */
 struct layout_sizes {
@@ -45,7 +46,11 @@ struct layout_counts {
 struct layout {
     enum target target;
     const char *name; /* for example "portable" */
-    uint32_t version; /* part of every key */
+    /*
+     * Returns the version of structures whose geometries are of GEOMETRY_ `geometry_type`, which is part of their keys,
+     * or 0 if the layout has no such structures.
+     */
+    uint32_t (*version)(uint32_t geometry_type);
     uint32_t arity; /* 2 or 8 */
     uint32_t leaf_max; /* the most refs in one leaf */
     uint32_t depth_limit; /* maximum number of levels: arity 8, of its nodes; arity 2, of the ir, leaves included */
@@ -73,6 +78,15 @@ struct layout {
 };
 
 extern const struct layout layout_portable, layout_lavapipe;
+
+/* Returns the version of a layout for a structure that is built from a canonical copy; it is part of its key. */
+uint32_t layout_version(const struct layout *layout, const struct canonical *canonical);
+
+/*
+ * Checks whether a layout has structures of this geometry's kind, which is known: BVHD_UNSUPPORTED, with its place, if
+ * it has not.
+ */
+enum bvhd_status layout_check_kind(const struct layout *layout, const struct validate_subject *subject);
 
 /* Return a layout, or NULL for an unknown target or name. */
 const struct layout *layout_find(enum target target);

@@ -21,7 +21,7 @@
 #include "proto/base/status.h"
 
 enum {
-    PORTABLE_VERSION = 1,
+    PORTABLE_NEWEST = 2, /* the newest version; all from 1 on are known */
     PORTABLE_BODY_ALIGNMENT = 64,
     PORTABLE_LEAF_MAX = 3, /* records per leaf child */
     /* levels of nodes; readers refuse more, so that a stack of this many node groups suffices */
@@ -31,7 +31,12 @@ enum {
 };
 
 extern const uint8_t portable_driver_uuid[16]; /* names the layout family */
-extern const uint8_t portable_compatibility_uuid[16]; /* names the version */
+
+/* Makes the compatibility UUID that names a version of the layout. */
+void portable_compatibility_uuid(uint32_t version, uint8_t ret_uuid[16]);
+
+/* Returns the version that a compatibility UUID names, or 0 if it is none that is known. */
+uint32_t portable_version_of(const uint8_t uuid[16]);
 
 /* Returns where the body begins in a blob with that many handles, which come before it. */
 static inline uint64_t portable_body_offset(uint64_t handles)
@@ -56,14 +61,14 @@ enum { PORTABLE_MAGIC = 0x42485642 }; /* "BVHB" */
 /* The first 128 bytes of the body. */
 struct portable_header {
     uint32_t magic;
-    uint32_t version;
+    uint32_t version; /* that of the content (record_kind.h) */
     uint32_t content; /* enum portable_content */
     uint32_t build_flags; /* BUILD_ of the request */
     float bounds[6]; /* min xyz, max xyz, exact; min > max when empty */
     uint32_t depth; /* levels of nodes, 0 if empty */
     uint32_t node_count; /* 80 bytes each */
     uint32_t record_count;
-    uint32_t vertex_count; /* indexed triangles only; 12 bytes each */
+    uint32_t vertex_count; /* indexed triangles: 12 bytes each; spheres and swept spheres: 16; else there are none */
     uint32_t geometry_count; /* 16 bytes each; bottom level only */
     uint32_t primitive_count; /* as in the request, inactive primitives included */
     /* Offsets from the body's start, multiples of 16. Each section lies inside the body, in this order. */
@@ -101,7 +106,8 @@ struct portable_node {
 };
 
 /*
- * id: bits 28..0 are the flat primitive id (counted through all geometries); bit 31 says that the geometry is opaque.
+ * id: bits 28..0 are the flat primitive id (counted through all geometries); bit 31 says that the geometry is opaque;
+ * bits 30 and 29 are 0 except in linear swept spheres.
  */
 enum { PORTABLE_ID_MASK = 0x1fffffff };
 #define PORTABLE_ID_OPAQUE UINT32_C(0x80000000)
@@ -138,8 +144,9 @@ struct portable_instance {
 };
 
 /*
- * A sphere or a linear swept sphere. Vertices have four floats, centre and radius. A linear swept sphere's ends are its
- * vertex and the next one; bits 29 and 30 of its id say that the first and the second end have a cap.
+ * A sphere or a linear swept sphere. Vertices have four floats, centre and radius, and are 16-byte aligned. A linear
+ * swept sphere's ends are its vertex and the next one; bits 29 and 30 of its id say that the first and the second end
+ * have a cap.
  */
 struct portable_round {
     uint32_t vertex;

@@ -24,7 +24,7 @@ static void write_aabbs(const struct portable_records *writer, const uint32_t *r
 static bool is_sound(const struct portable_header *header, const struct portable_aabb *aabb)
 {
     bool ordered = aabb->min[0] <= aabb->max[0] && aabb->min[1] <= aabb->max[1] && aabb->min[2] <= aabb->max[2];
-    return portable_records_id_is_sound(header, aabb->id) && ordered && aabb->reserved == 0;
+    return portable_records_id_is_sound(header, aabb->id, PORTABLE_ID_OPAQUE) && ordered && aabb->reserved == 0;
 }
 
 static uint32_t find_unsound(const struct portable_view *view)
@@ -37,6 +37,7 @@ static uint32_t find_unsound(const struct portable_view *view)
 }
 
 const struct record_kind record_aabbs = {
+    .version = 1,
     .type = GEOMETRY_AABBS,
     .size = sizeof(struct portable_aabb),
     .first_leaf = 1,

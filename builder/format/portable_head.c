@@ -4,6 +4,21 @@
 #include "builder/format/record_kind.h"
 #include "builder/format/serialized.h"
 
+const uint8_t portable_driver_uuid[16] = "bvhd portable";
+
+void portable_compatibility_uuid(uint32_t version, uint8_t ret_uuid[16])
+{
+    memcpy(ret_uuid, portable_driver_uuid, sizeof portable_driver_uuid);
+    ret_uuid[15] = (uint8_t)version;
+}
+
+uint32_t portable_version_of(const uint8_t uuid[16])
+{
+    const uint32_t version = uuid[15];
+    const bool is_named = memcmp(uuid, portable_driver_uuid, sizeof portable_driver_uuid - 1) == 0;
+    return is_named && version <= PORTABLE_NEWEST ? version : 0;
+}
+
 uint32_t portable_head_handles(const struct portable_header *header, const struct canonical *canonical)
 {
     return record_kind_is_top(header->content) ? canonical->reference_count : 0;
@@ -18,7 +33,7 @@ void portable_head_write(unsigned char *blob, const struct portable_header *head
         .handle_count = handles,
     };
     memcpy(serialized.driver_uuid, portable_driver_uuid, sizeof serialized.driver_uuid);
-    memcpy(serialized.compatibility_uuid, portable_compatibility_uuid, sizeof serialized.compatibility_uuid);
+    portable_compatibility_uuid(header->version, serialized.compatibility_uuid);
     memset(blob, 0, body);
     serialized_write(blob, &serialized);
     for (uint32_t i = 0; i < handles; i++)

@@ -46,6 +46,7 @@ static uint32_t find_unsound(const struct portable_view *view)
 }
 
 const struct record_kind record_instances = {
+    .version = 1,
     .type = GEOMETRY_INSTANCES,
     .size = sizeof(struct portable_instance),
     .first_leaf = 1,

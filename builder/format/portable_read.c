@@ -11,6 +11,7 @@
 #include "proto/base/prefix.h"
 
 struct portable_reader {
+    uint32_t version; /* that the compatibility UUID names */
     struct bytes body;
     struct portable_view view;
     const struct record_kind *kind; /* of the header's content */
@@ -37,11 +38,15 @@ static enum bvhd_status check_content(struct portable_reader *r)
     const struct portable_header *h = r->view.header;
     if (h->magic != PORTABLE_MAGIC)
         return corrupt(r, "body.magic", "this is no portable structure");
-    if (h->version != PORTABLE_VERSION)
-        return bvhd_error_set(r->error, BVHD_INCOMPATIBLE, "body.version", "version %" PRIu32 ", known is %d",
-                              h->version, PORTABLE_VERSION);
+    if (h->version == 0 || h->version > PORTABLE_NEWEST)
+        return bvhd_error_set(r->error, BVHD_INCOMPATIBLE, "body.version", "version %" PRIu32 ", known are 1 to %d",
+                              h->version, PORTABLE_NEWEST);
+    if (h->version != r->version)
+        return corrupt(r, "body.version", "not that of the compatibility UUID");
     r->kind = record_kind_of(h->content);
-    return r->kind ? BVHD_OK : corrupt(r, "body.content", "unknown content");
+    if (!r->kind)
+        return corrupt(r, "body.content", "unknown content");
+    return r->kind->version == h->version ? BVHD_OK : corrupt(r, "body.content", "not one of this version");
 }
 
 /* Checks the header's other fields that can be judged by themselves. */
@@ -58,7 +63,7 @@ static enum bvhd_status check_counts(const struct portable_reader *r)
     if (h->vertex_count != 0 && r->kind->vertex_size == 0)
         return corrupt(r, "body.vertexCount", "this content has no vertices");
     if (h->vertex_count != 0 && h->record_count == 0)
-        return corrupt(r, "body.vertexCount", "vertices without triangles");
+        return corrupt(r, "body.vertexCount", "vertices without records");
     if (h->geometry_count != 0 && is_top)
         return corrupt(r, "body.geometryCount", "a top level has no geometries");
     if (r->view.handle_count != 0 && !is_top)
@@ -223,10 +228,14 @@ static enum bvhd_status check_nodes(const struct portable_reader *r)
 
 static enum bvhd_status check_records(const struct portable_reader *r)
 {
-    const uint32_t unsound = r->kind->find_unsound(&r->view);
-    return unsound == r->view.header->record_count
-               ? BVHD_OK
-               : corrupt_at(r, "records", unsound, "", "an id, an index, a box or a reserved field is out of range");
+    const struct portable_header *h = r->view.header;
+    const uint32_t record = r->kind->find_unsound(&r->view);
+    if (record < h->record_count)
+        return corrupt_at(r, "records", record, "", "an id, an index, a box or a reserved field is out of range");
+    const uint32_t vertex = r->kind->find_unsound_vertex ? r->kind->find_unsound_vertex(&r->view) : h->vertex_count;
+    if (vertex < h->vertex_count)
+        return corrupt_at(r, "vertices", vertex, "", "a coordinate is not finite, or the radius is negative");
+    return BVHD_OK;
 }
 
 /* Finds the body behind a header that names this layout. */
@@ -238,7 +247,8 @@ static enum bvhd_status find_body(struct portable_reader *r, struct bytes blob)
         return status;
     if (memcmp(header.driver_uuid, portable_driver_uuid, sizeof header.driver_uuid) != 0)
         return bvhd_error_set(r->error, BVHD_INCOMPATIBLE, "header.driverUUID", "written for another driver");
-    if (memcmp(header.compatibility_uuid, portable_compatibility_uuid, sizeof header.compatibility_uuid) != 0)
+    r->version = portable_version_of(header.compatibility_uuid);
+    if (r->version == 0)
         return bvhd_error_set(r->error, BVHD_INCOMPATIBLE, "header.compatibilityUUID", "written by another version");
     uint64_t offset = portable_body_offset(header.handle_count);
     if (offset > blob.size || blob.size - offset < sizeof(struct portable_header))

@@ -51,23 +51,32 @@ static inline uint32_t portable_records_id(const struct canonical_geometry *geom
     return primitive | (geometry->flags & GEOMETRY_OPAQUE ? PORTABLE_ID_OPAQUE : 0);
 }
 
-/* Returns whether an untrusted id can be that of a record. */
-static inline bool portable_records_id_is_sound(const struct portable_header *header, uint32_t id)
+/* Returns whether an untrusted id can be that of a record, which may have these flags. */
+static inline bool portable_records_id_is_sound(const struct portable_header *header, uint32_t id, uint32_t flags)
 {
-    uint32_t flags = id & ~(uint32_t)PORTABLE_ID_MASK;
-    return (flags == 0 || flags == PORTABLE_ID_OPAQUE) && (id & PORTABLE_ID_MASK) < header->primitive_count;
+    return !(id & ~(PORTABLE_ID_MASK | flags)) && (id & PORTABLE_ID_MASK) < header->primitive_count;
 }
 
 /*
- * Sets used[vertex] to 1 for each vertex of these triangles, by relaxed atomic stores. May be called from any thread.
+ * Does what kind->mark does for the primitives `first` .. first + count - 1 over all geometries, which are all in the
+ * tree, in the order of the request, which is the order in memory.
  */
-void portable_records_mark(const struct canonical *canonical, const uint32_t *refs, uint32_t count, uint8_t *used);
+void portable_records_mark_range(const struct record_kind *kind, const struct canonical *canonical, uint32_t first,
+                                 uint32_t count, uint8_t *used);
 
-/*
- * Does the same for the triangles `first` .. first + count - 1, which are all in the tree, in the order of the request,
- * which is the order in memory.
- */
-void portable_records_mark_range(const struct canonical *canonical, uint32_t first, uint32_t count, uint8_t *used);
+/* Returns how many floats a vertex has: its position, and maybe a radius. */
+static inline uint32_t portable_records_vertex_floats(const struct record_kind *kind)
+{
+    return kind->vertex_size / (uint32_t)sizeof(float);
+}
+
+/* Copies one vertex. The size of the first copy is constant, so that the compiler makes it a few moves. */
+static inline void portable_records_copy_vertex(const struct record_kind *kind, const float *from, float *to)
+{
+    memcpy(to, from, 3 * sizeof *to);
+    if (portable_records_vertex_floats(kind) > 3)
+        to[3] = from[3];
+}
 
 /*
  * Inverts a row-major 3x4 matrix in double and rounds once. The result is all zero if the inverse does not exist or

@@ -92,7 +92,7 @@ static void prefetch(const struct portable_records *writer, const uint32_t *refs
             __builtin_prefetch(corners.indices + (uint64_t)3 * (refs[i] - corners.first_primitive));
 }
 
-void portable_records_mark(const struct canonical *canonical, const uint32_t *refs, uint32_t count, uint8_t *used)
+static void mark(const struct canonical *canonical, const uint32_t *refs, uint32_t count, uint8_t *used)
 {
     enum { AHEAD = 16 };
     struct corners corners = corners_of(canonical->geometries);
@@ -109,26 +109,13 @@ void portable_records_mark(const struct canonical *canonical, const uint32_t *re
     }
 }
 
-/* Marks the vertices of a range of one geometry's triangles. */
-static void mark_triangles(const struct canonical_geometry *geometry, uint32_t first, uint32_t count, uint8_t *used)
+static void mark_range(const struct canonical_geometry *geometry, uint32_t first, uint32_t count, uint8_t *used)
 {
     const struct corners corners = corners_of(geometry);
-    const uint64_t begin = (uint64_t)3 * (first - corners.first_primitive);
+    const uint64_t begin = (uint64_t)3 * first;
     uint8_t *own = used + corners.first_vertex;
     for (uint64_t i = begin; i < begin + (uint64_t)3 * count; i++)
         __atomic_store_n(&own[corners.indices ? corners.indices[i] : i], 1, __ATOMIC_RELAXED);
-}
-
-void portable_records_mark_range(const struct canonical *canonical, uint32_t first, uint32_t count, uint8_t *used)
-{
-    while (count > 0) {
-        const struct canonical_geometry *geometry = &canonical->geometries[canonical_geometry_of(canonical, first)];
-        uint32_t left = geometry->primitive_count - (first - geometry->first_primitive),
-                 here = count < left ? count : left;
-        mark_triangles(geometry, first, here, used);
-        first += here;
-        count -= here;
-    }
 }
 
 /* No more vertices can be in use than there are corners, or numbers. */
@@ -146,7 +133,7 @@ static uint32_t find_unsound_indexed(const struct portable_view *view)
     for (uint32_t i = 0; i < header->record_count; i++) {
         const uint32_t *v = triangles[i].vertices;
         if (v[0] >= header->vertex_count || v[1] >= header->vertex_count || v[2] >= header->vertex_count ||
-            !portable_records_id_is_sound(header, triangles[i].id))
+            !portable_records_id_is_sound(header, triangles[i].id, PORTABLE_ID_OPAQUE))
             return i;
     }
     return header->record_count;
@@ -157,13 +144,14 @@ static uint32_t find_unsound(const struct portable_view *view)
     const struct portable_header *header = view->header;
     const struct portable_triangle *triangles = view->records;
     for (uint32_t i = 0; i < header->record_count; i++)
-        if (!portable_records_id_is_sound(header, triangles[i].id) || triangles[i].reserved1 != 0 ||
+        if (!portable_records_id_is_sound(header, triangles[i].id, PORTABLE_ID_OPAQUE) || triangles[i].reserved1 != 0 ||
             triangles[i].reserved2 != 0)
             return i;
     return header->record_count;
 }
 
 const struct record_kind record_indexed_triangles = {
+    .version = 1,
     .type = GEOMETRY_TRIANGLES,
     .size = sizeof(struct portable_indexed_triangle),
     .vertex_size = 3 * sizeof(float),
@@ -172,10 +160,13 @@ const struct record_kind record_indexed_triangles = {
     .vertices_most = vertices_most,
     .write = write_indexed_triangles,
     .prefetch = prefetch,
+    .mark = mark,
+    .mark_range = mark_range,
     .find_unsound = find_unsound_indexed,
 };
 
 const struct record_kind record_triangles = {
+    .version = 1,
     .type = GEOMETRY_TRIANGLES,
     .layout_flag = PORTABLE_FAST_TRIANGLES,
     .size = sizeof(struct portable_triangle),

@@ -8,10 +8,6 @@
 #include "builder/format/portable_records.h"
 #include "proto/base/prefix.h"
 
-const uint8_t portable_driver_uuid[16] = "bvhd portable";
-const uint8_t portable_compatibility_uuid[16] = {'b', 'v', 'h', 'd', ' ', 'p', 'o', 'r',
-                                                 't', 'a', 'b', 'l', 'e', 0,   0,   PORTABLE_VERSION};
-
 /*
  * Work of some ten microseconds: much more than handing out a task, and little enough that all threads end at about
  * the same time in a structure of 0.1 M triangles.
@@ -45,7 +41,7 @@ static void place_sections(const struct record_kind *kind, struct portable_heade
 {
     header->node_offset = sizeof *header;
     header->record_offset = header->node_offset + (uint64_t)header->node_count * sizeof(struct portable_node);
-    header->vertex_offset = header->record_offset + (uint64_t)header->record_count * kind->size;
+    header->vertex_offset = bytes_align(header->record_offset + (uint64_t)header->record_count * kind->size, 16);
     header->geometry_offset =
         bytes_align(header->vertex_offset + (uint64_t)header->vertex_count * kind->vertex_size, 16);
     header->body_size = header->geometry_offset + (uint64_t)header->geometry_count * sizeof(struct portable_geometry);
@@ -65,7 +61,7 @@ static enum bvhd_status plan(struct portable_writer *w, struct bvhd_error *error
                               PORTABLE_MAX_DEPTH);
     w->header = (struct portable_header){
         .magic = PORTABLE_MAGIC,
-        .version = PORTABLE_VERSION,
+        .version = kind->version,
         .content = content,
         .build_flags = canonical->flags,
         .depth = wide->depth,
@@ -194,7 +190,7 @@ static uint32_t vertex_chunks(const struct portable_writer *w)
     return (uint32_t)parallel_chunks(VERTEX_CHUNK, w->records.canonical->vertex_count);
 }
 
-/* Returns how many triangles are read to mark vertices. */
+/* Returns how many primitives are read to mark vertices. */
 static uint32_t names_to_mark(const struct portable_writer *w)
 {
     return w->input->complete ? w->input->canonical->primitive_count : w->input->ir->ref_count;
@@ -217,9 +213,10 @@ static void mark_used(void *context, size_t index)
     size_t chunk = chunk_apart(index, parallel_chunks(MARK_CHUNK, names), w->input->parallel->threads);
     parallel_chunk(chunk, MARK_CHUNK, names, &begin, &end);
     if (w->input->complete)
-        portable_records_mark_range(w->input->canonical, (uint32_t)begin, (uint32_t)(end - begin), w->used);
+        portable_records_mark_range(w->records.kind, w->input->canonical, (uint32_t)begin, (uint32_t)(end - begin),
+                                    w->used);
     else
-        portable_records_mark(w->input->canonical, w->input->ir->refs + begin, (uint32_t)(end - begin), w->used);
+        w->records.kind->mark(w->input->canonical, w->input->ir->refs + begin, (uint32_t)(end - begin), w->used);
 }
 
 static void count_kept(void *context, size_t index)
@@ -317,15 +314,17 @@ static void copy_run(const struct portable_writer *w, const struct canonical_geo
 {
     if (begin == end)
         return; /* a geometry without vertices has no positions */
-    const float *source = geometry->positions + 3 * (begin - geometry->first_vertex);
-    unsigned char *vertices = w->body + w->header.vertex_offset;
+    const struct record_kind *kind = w->records.kind;
+    const size_t floats = portable_records_vertex_floats(kind);
+    const float *source = geometry->positions + floats * (begin - geometry->first_vertex);
+    float *vertices = (float *)(void *)(w->body + w->header.vertex_offset);
     if (!w->remap) {
-        memcpy(vertices + 12 * begin, source, 12 * (end - begin));
+        memcpy(vertices + floats * begin, source, kind->vertex_size * (end - begin));
         return;
     }
-    for (size_t i = begin; i < end; i++, source += 3)
+    for (size_t i = begin; i < end; i++, source += floats)
         if (w->used[i])
-            memcpy(vertices + (size_t)12 * w->remap[i], source, 12);
+            portable_records_copy_vertex(kind, source, vertices + floats * w->remap[i]);
 }
 
 /* Returns the last geometry that starts at or before a vertex; it is never one without vertices. */
@@ -365,7 +364,9 @@ static void write_tables(const struct portable_writer *w)
 {
     const struct canonical *canonical = w->input->canonical;
     const struct portable_header *header = &w->header;
+    uint64_t record_end = header->record_offset + (uint64_t)header->record_count * w->records.kind->size;
     uint64_t vertex_end = header->vertex_offset + (uint64_t)header->vertex_count * w->records.kind->vertex_size;
+    memset(w->body + record_end, 0, header->vertex_offset - record_end);
     memset(w->body + vertex_end, 0, header->geometry_offset - vertex_end);
     for (uint32_t i = 0; i < header->geometry_count; i++) {
         const struct canonical_geometry *geometry = &canonical->geometries[i];
@@ -409,6 +410,11 @@ static enum bvhd_status portable_write(const struct layout_input *input, unsigne
     return status;
 }
 
+static uint32_t portable_version(uint32_t geometry_type)
+{
+    return record_kind_of(record_content_for(STRUCTURE_GENERIC, geometry_type, 0))->version;
+}
+
 /* The counts are below 2^32, except for vertices, which are below 2^31. */
 static uint64_t portable_bound(const struct layout_counts *counts)
 {
@@ -417,14 +423,14 @@ static uint64_t portable_bound(const struct layout_counts *counts)
     const struct record_kind *kind = record_kind_of(content);
     const uint64_t geometries = record_kind_is_top(content) ? 0 : counts->geometry_count;
     return sizeof(struct portable_header) + counts->wide_nodes * sizeof(struct portable_node) +
-           counts->refs * kind->size + bytes_align(counts->vertices * kind->vertex_size, 16) +
+           bytes_align(counts->refs * kind->size, 16) + bytes_align(counts->vertices * kind->vertex_size, 16) +
            geometries * sizeof(struct portable_geometry);
 }
 
 const struct layout layout_portable = {
     .target = TARGET_PORTABLE,
     .name = "portable",
-    .version = PORTABLE_VERSION,
+    .version = portable_version,
     .arity = WIDE_ARITY,
     .leaf_max = PORTABLE_LEAF_MAX,
     .depth_limit = PORTABLE_MAX_DEPTH,

@@ -16,6 +16,7 @@ struct portable_records;
 
 /* One kind of records. */
 struct record_kind {
+    uint32_t version; /* the layout's version of structures with this content: the oldest one that has it */
     uint32_t type; /* GEOMETRY_ of what they are made from; instances make a top level */
     uint32_t layout_flag; /* the flag of a request that chooses it among the contents of this type; 0: none is needed */
     uint16_t size; /* bytes of a record */
@@ -37,10 +38,19 @@ struct record_kind {
     /* Prefetches the data of refs that will be written soon. NULL: their place in memory is known too late. */
     void (*prefetch)(const struct portable_records *writer, const uint32_t *refs, uint32_t count);
     /*
+     * Sets used[vertex] to 1 for each vertex of these primitives, by relaxed atomic stores. May be called from any
+     * thread. NULL here and in `mark_range`: there are no vertices.
+     */
+    void (*mark)(const struct canonical *canonical, const uint32_t *refs, uint32_t count, uint8_t *used);
+    /* Does the same for `count` primitives of one geometry, from its primitive `first` on. */
+    void (*mark_range)(const struct canonical_geometry *geometry, uint32_t first, uint32_t count, uint8_t *used);
+    /*
      * Returns the first record of an untrusted structure, of which the sections and the nodes have been checked, that
      * no writer has made, or the number of records if there is none.
      */
     uint32_t (*find_unsound)(const struct portable_view *view);
+    /* Returns the same about vertices. NULL: they may have any values. */
+    uint32_t (*find_unsound_vertex)(const struct portable_view *view);
 };
 
 extern const struct record_kind record_indexed_triangles, record_triangles, record_aabbs, record_instances,

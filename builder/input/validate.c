@@ -99,6 +99,8 @@ static enum bvhd_status check_geometries(const struct build_input *input, uint32
         status = look_at_cancel(&subject, cancel);
         if (status == BVHD_OK)
             status = validate_geometry(&subject, input, limits, &total);
+        if (status == BVHD_OK)
+            status = layout_check_kind(layout_find(input->options.target), &subject);
     }
     for (uint32_t i = 0; status == BVHD_OK && i < input->geometry_count; i++) {
         struct validate_subject subject = {&input->geometries[i], index, i, error, false};

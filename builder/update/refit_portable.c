@@ -149,8 +149,8 @@ static enum bvhd_status fill_tree(struct portable_refit *refit, struct refit_out
         return BVHD_OK;
     float *vertices = (float *)(void *)(refit->body + refit->header.vertex_offset);
     refit->records.vertices = vertices;
-    enum bvhd_status status = refit_vertices(refit->canonical, refit->records.record, refit->context, vertices,
-                                             refit->header.vertex_count, error);
+    enum bvhd_status status = refit_vertices(refit->records.written.kind, refit->canonical, refit->records.record,
+                                             refit->context, vertices, refit->header.vertex_count, error);
     if (status == BVHD_OK)
         status = sweep(refit, refit_node, error);
     if (status != BVHD_OK)

@@ -7,26 +7,29 @@
 enum { COPY_CHUNK = 8192, MARK_CHUNK = 8192 };
 
 struct vertices {
+    const struct record_kind *kind;
     const struct canonical *canonical;
     const struct record *record;
-    float *positions; /* of the result */
-    uint8_t *used; /* for each vertex: 1 if an active triangle uses it; NULL: all are kept */
+    float *written; /* the vertices of the result */
+    uint8_t *used; /* for each vertex: 1 if an active primitive uses it; NULL: all are kept */
     uint32_t *first_kept; /* for each chunk of vertices: how many are kept before it */
 };
 
-/* Copies the kept ones among vertices [begin, end) of one geometry. Returns where the next position goes. */
+/* Copies the kept ones among vertices [begin, end) of one geometry. Returns where the next vertex goes. */
 static float *copy_run(const struct vertices *vertices, const struct canonical_geometry *geometry, size_t begin,
                        size_t end, float *to)
 {
-    const float *from = geometry->positions + 3 * (begin - geometry->first_vertex);
+    const struct record_kind *kind = vertices->kind;
+    const size_t floats = portable_records_vertex_floats(kind);
+    const float *from = geometry->positions + floats * (begin - geometry->first_vertex);
     if (!vertices->used) {
-        memcpy(to, from, 12 * (end - begin));
-        return to + 3 * (end - begin);
+        memcpy(to, from, kind->vertex_size * (end - begin));
+        return to + floats * (end - begin);
     }
-    for (size_t i = begin; i < end; i++, from += 3)
+    for (size_t i = begin; i < end; i++, from += floats)
         if (vertices->used[i]) {
-            memcpy(to, from, 12);
-            to += 3;
+            portable_records_copy_vertex(kind, from, to);
+            to += floats;
         }
     return to;
 }
@@ -37,7 +40,8 @@ static void copy_chunk(void *context, size_t index)
     const struct canonical *canonical = vertices->canonical;
     size_t begin, end;
     parallel_chunk(index, COPY_CHUNK, canonical->vertex_count, &begin, &end);
-    float *to = vertices->positions + 3 * (vertices->used ? vertices->first_kept[index] : begin);
+    const size_t first = vertices->used ? vertices->first_kept[index] : begin;
+    float *to = vertices->written + portable_records_vertex_floats(vertices->kind) * first;
     const struct canonical_geometry *geometry =
         canonical->geometries + prefix_find(&canonical->geometries[0].first_vertex, sizeof canonical->geometries[0],
                                             canonical->geometry_count, begin);
@@ -57,14 +61,15 @@ static void mark_chunk(void *context, size_t index)
     size_t begin, end;
     parallel_chunk(index, MARK_CHUNK, vertices->canonical->primitive_count, &begin, &end);
     if (!vertices->record->active) {
-        portable_records_mark_range(vertices->canonical, (uint32_t)begin, (uint32_t)(end - begin), vertices->used);
+        portable_records_mark_range(vertices->kind, vertices->canonical, (uint32_t)begin, (uint32_t)(end - begin),
+                                    vertices->used);
         return;
     }
     for (size_t id = begin; id < end; id++) {
         active[count] = (uint32_t)id;
         count += record_is_active(vertices->record, (uint32_t)id);
     }
-    portable_records_mark(vertices->canonical, active, count, vertices->used);
+    vertices->kind->mark(vertices->canonical, active, count, vertices->used);
 }
 
 static void count_chunk(void *context, size_t index)
@@ -96,7 +101,7 @@ static enum bvhd_status report_cancelled(struct bvhd_error *error)
 
 static enum bvhd_status report_corrupt(struct bvhd_error *error)
 {
-    return bvhd_error_set(error, BVHD_CORRUPT, "body.vertexCount", "not as many as active triangles use");
+    return bvhd_error_set(error, BVHD_CORRUPT, "body.vertexCount", "not as many as active primitives use");
 }
 
 static bool run(struct vertices *vertices, const struct build_context *context, size_t chunk, size_t total,
@@ -133,11 +138,11 @@ static enum bvhd_status copy_kept(struct vertices *vertices, const struct build_
     return status;
 }
 
-enum bvhd_status refit_vertices(const struct canonical *canonical, const struct record *record,
-                                const struct build_context *context, float *vertices, uint32_t count,
-                                struct bvhd_error *error)
+enum bvhd_status refit_vertices(const struct record_kind *kind, const struct canonical *canonical,
+                                const struct record *record, const struct build_context *context, float *vertices,
+                                uint32_t count, struct bvhd_error *error)
 {
-    struct vertices all = {.canonical = canonical, .record = record, .positions = vertices};
+    struct vertices all = {.kind = kind, .canonical = canonical, .record = record, .written = vertices};
     if (count == 0)
         return BVHD_OK;
     if (count > canonical->vertex_count)

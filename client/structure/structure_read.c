@@ -16,7 +16,7 @@ static bool is_portable(const uint8_t uuids[2 * VK_UUID_SIZE])
 bool structure_is_compatible(const uint8_t uuids[2 * VK_UUID_SIZE], const struct bvhd_format *format)
 {
     if (is_portable(uuids))
-        return memcmp(uuids + VK_UUID_SIZE, portable_compatibility_uuid, VK_UUID_SIZE) == 0;
+        return portable_version_of(uuids + VK_UUID_SIZE) > 0;
     return format && memcmp(uuids, format->driver_uuid, VK_UUID_SIZE) == 0 &&
            memcmp(uuids + VK_UUID_SIZE, format->compatibility_uuid, VK_UUID_SIZE) == 0;
 }

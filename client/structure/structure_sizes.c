@@ -29,6 +29,8 @@ static enum bvhd_status check_geometries(const struct build_input *input, struct
         const struct validate_subject subject = {&input->geometries[i], 0, i, error, .ignores_strides = true};
         status = validate_geometry(&subject, input, &limits, &total);
         if (status == BVHD_OK)
+            status = layout_check_kind(layout_find(input->options.target), &subject);
+        if (status == BVHD_OK)
             status = kind_find(input->geometries[i].type)->check_shape(&subject);
     }
     return status;

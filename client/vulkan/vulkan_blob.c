@@ -15,10 +15,10 @@ _Static_assert(LOCATION % 8 == 0 && PORTABLE_BODY_ALIGNMENT % 8 == 0,
 static enum bvhd_status read_portable(struct vulkan_blob *blob, struct bvhd_error *error)
 {
     struct portable_header header;
-    if (memcmp(blob->header.compatibility_uuid, portable_compatibility_uuid, SERIALIZED_UUID_SIZE) != 0)
+    if (portable_version_of(blob->header.compatibility_uuid) == 0)
         return bvhd_error_set(error, BVHD_INCOMPATIBLE, "header.compatibilityUUID",
-                              "a portable structure of version %u, this library loads version %d",
-                              blob->header.compatibility_uuid[15], PORTABLE_VERSION);
+                              "a portable structure of version %u, this library loads versions 1 to %d",
+                              blob->header.compatibility_uuid[15], PORTABLE_NEWEST);
     uint64_t offset = portable_body_offset(blob->header.handle_count);
     if (offset > blob->bytes.size || blob->bytes.size - offset < sizeof header)
         return bvhd_error_set(error, BVHD_CORRUPT, "body", "too short");

@@ -66,7 +66,7 @@ static struct key expected_key(const unsigned char *bytes, size_t size, const st
                                 0,
                                 BUILD_VERSION,
                                 options->target,
-                                layout_find(options->target)->version,
+                                layout_find(options->target)->version(GEOMETRY_TRIANGLES),
                                 options->layout_flags,
                                 (uint32_t)options->quality};
     memcpy(root + 16, fields, 28);

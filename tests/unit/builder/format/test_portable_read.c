@@ -85,17 +85,27 @@ static void headers_are_checked(void **state)
     s.blob[3] ^= 1;
     expect(&s, BVHD_INCOMPATIBLE, "header.driverUUID");
     s.blob[3] ^= 1;
-    s.blob[31] ^= 1;
-    expect(&s, BVHD_INCOMPATIBLE, "header.compatibilityUUID");
-    s.blob[31] ^= 1;
+    static const uint8_t versions[] = {0, PORTABLE_NEWEST + 1, 0x81, 255};
+    for (size_t i = 0; i < sizeof versions; i++) {
+        s.blob[31] = versions[i];
+        expect(&s, BVHD_INCOMPATIBLE, "header.compatibilityUUID");
+    }
+    s.blob[31] = 2; /* known, but not that of this body */
+    expect(&s, BVHD_CORRUPT, "body.version");
+    h->version = 2;
+    expect(&s, BVHD_CORRUPT, "body.content");
+    h->version = s.blob[31] = 1;
     s.blob[40] ^= 1;
     expect(&s, BVHD_CORRUPT, "header.deserializedSize");
     s.blob[40] ^= 1;
     SPOIL(&s, h->magic, 1, "body.magic");
-    h->version = 2;
+    h->version = 0;
+    expect(&s, BVHD_INCOMPATIBLE, "body.version");
+    h->version = PORTABLE_NEWEST + 1;
     expect(&s, BVHD_INCOMPATIBLE, "body.version");
     h->version = 1;
-    SPOIL(&s, h->content, 4, "body.content");
+    SPOIL(&s, h->content, PORTABLE_SPHERES, "body.content");
+    SPOIL(&s, h->content, PORTABLE_CONTENTS, "body.content");
     SPOIL(&s, h->content, PORTABLE_TRIANGLES, "body.vertexCount");
     SPOIL(&s, h->primitive_count, 1 << 29, "body.primitiveCount");
     SPOIL(&s, h->primitive_count, h->primitive_count + 1, "body.primitiveCount");

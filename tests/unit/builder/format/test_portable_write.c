@@ -38,6 +38,9 @@ static uint32_t record_primitive(const struct portable_view *view, uint32_t reco
         return ((const struct portable_triangle *)view->records)[record].id & PORTABLE_ID_MASK;
     case PORTABLE_AABBS:
         return ((const struct portable_aabb *)view->records)[record].id & PORTABLE_ID_MASK;
+    case PORTABLE_SPHERES:
+    case PORTABLE_SWEPT_SPHERES:
+        return ((const struct portable_round *)view->records)[record].id & PORTABLE_ID_MASK;
     case PORTABLE_INSTANCES:
         break;
     }
@@ -150,7 +153,7 @@ static void check_header(const struct test_model *model, const unsigned char *bl
     struct bytes bytes = {blob, sizes->total};
     assert_int_equal(serialized_read(bytes, &serialized, NULL), BVHD_OK);
     assert_memory_equal(serialized.driver_uuid, portable_driver_uuid, 16);
-    assert_memory_equal(serialized.compatibility_uuid, portable_compatibility_uuid, 16);
+    assert_int_equal(portable_version_of(serialized.compatibility_uuid), h->version);
     assert_int_equal(serialized.deserialized_size, h->body_size);
     assert_int_equal(serialized.handle_count, model->canonical.reference_count);
     for (uint64_t i = 0; i < serialized.handle_count; i++)
@@ -320,10 +323,10 @@ static void ranges_mark_what_names_do(void **state)
         uint8_t *named = calloc(vertices + 1, 1), *ranged = calloc(vertices + 1, 1);
         assert_true(named && ranged);
         for (uint32_t id = count; id-- > 0;)
-            portable_records_mark(canonical, &id, 1, named);
+            record_indexed_triangles.mark(canonical, &id, 1, named);
         for (uint32_t first = 0, length = 1; first < count; first += length, length = length * 3 + 1) {
             length = length < count - first ? length : count - first;
-            portable_records_mark_range(canonical, first, length, ranged);
+            portable_records_mark_range(&record_indexed_triangles, canonical, first, length, ranged);
         }
         assert_memory_equal(named, ranged, vertices);
         free(named);

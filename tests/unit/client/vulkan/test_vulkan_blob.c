@@ -146,9 +146,9 @@ static void heads_that_lie_are_refused(void **state)
     uint64_t body = blob.size - bytes_get64(data + 40);
     memcpy(&header, data + body, sizeof header);
 
-    data[31] = 2;
+    data[31] = PORTABLE_NEWEST + 1;
     expect(blob, BVHD_INCOMPATIBLE, "header.compatibilityUUID");
-    data[31] = PORTABLE_VERSION;
+    data[31] = 1;
     bytes_put64(data + SERIALIZED_HANDLES + 8, 0);
     expect(blob, BVHD_CORRUPT, "header.handles[1]");
     bytes_put64(data + SERIALIZED_HANDLES + 8, UINT64_C(1) << 32);
