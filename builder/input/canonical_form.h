@@ -34,9 +34,12 @@ struct form_header {
 
 /*
  * Fields that an update compares with the build's (Vulkan specification, VkAccelerationStructureBuildGeometryInfoKHR,
- * rules for mode UPDATE). They are 0 unless the build says ALLOW_UPDATE and the geometry has triangles.
+ * rules for mode UPDATE). They are 0 unless the build says ALLOW_UPDATE and the geometry has vertices.
  */
 enum { FORM_UPDATE_RECORDED = 1, FORM_UPDATE_TRANSFORM = 2 /* transformData was not NULL */ };
+
+/* How linear swept spheres were given: SWEPT_SUCCESSIVE instead of a list, and SWEPT_CAPS_CHAINED instead of none. */
+enum { FORM_SWEPT_SUCCESSIVE = 1, FORM_SWEPT_CHAINED = 2 };
 
 struct form_geometry {
     uint32_t type; /* GEOMETRY_ */
@@ -47,11 +50,13 @@ struct form_geometry {
     uint64_t index_offset; /* offset of indices; 0 when there are none */
     uint32_t indexed; /* 1: triangle i has three indices; 0: it is made of vertices 3i .. 3i+2 */
     uint32_t update; /* FORM_UPDATE_ */
-    uint32_t vertex_format; /* this field and the next three are 0 without FORM_UPDATE_RECORDED */
+    uint32_t vertex_format; /* this field and those after it are 0 without FORM_UPDATE_RECORDED */
     uint32_t max_vertex;
     uint32_t index_type;
     uint32_t lowest_index; /* the lowest index in the request; the copy's indices count from it */
-    uint32_t reserved[2]; /* must be 0 */
+    /* Spheres and linear swept spheres; this field and the next one are 0 in other geometries. */
+    uint32_t radius_format;
+    uint32_t swept_modes; /* linear swept spheres: FORM_SWEPT_ */
 };
 
 struct form_reference {

@@ -82,7 +82,7 @@ static enum bvhd_status check_row(const struct block_reader *reader, uint32_t in
         return form_corrupt_row(reader->error, index, "vertexCount", "does not fit the primitives");
     if (!update_is_valid(row, has_vertices, reader->header->flags))
         return form_corrupt_row(reader->error, index, "update", "fields that no build has");
-    if (!all_zero(row->reserved, sizeof row->reserved))
+    if (row->radius_format != 0 || row->swept_modes != 0)
         return form_corrupt_row(reader->error, index, "reserved", "not 0");
     return BVHD_OK;
 }
