@@ -156,6 +156,12 @@ struct portable_round {
 #define PORTABLE_ID_CAP_FIRST UINT32_C(0x20000000)
 #define PORTABLE_ID_CAP_SECOND UINT32_C(0x40000000)
 
+/* Returns which ends of a linear swept sphere with that id have caps, as swept_shape.h has them: bits 0 and 1. */
+static inline unsigned portable_round_caps(uint32_t id)
+{
+    return id >> 29 & 3;
+}
+
 /* A geometry covers the flat ids first_primitive .. first_primitive + primitive_count - 1. */
 struct portable_geometry {
     uint32_t flags; /* GEOMETRY_ */

@@ -4,9 +4,11 @@
 #include "builder/format/layout.h"
 #include "builder/input/canonical_form.h"
 #include "builder/update/activity.h"
+#include "builder/update/update_kind.h"
 #include "proto/base/checksum.h"
+#include "proto/base/kind.h"
 
-/* Triangles in a task that sums indices. */
+/* Primitives in a task that sums indices. */
 enum { SUM_CHUNK = 16384 };
 
 uint64_t record_size(uint32_t geometries, uint32_t primitives, uint32_t inactive)
@@ -29,18 +31,20 @@ void record_view(const struct record_header *header, struct record *ret_record)
 /* The rows of the canonical form have what the request said; those of other structures than updatable ones say less. */
 static struct record_geometry make_row(const struct form_geometry *row)
 {
-    return (struct record_geometry){
+    const struct update_kind *kind = update_kind_of(row->type);
+    struct record_geometry made = {
         .type = row->type,
         .flags = row->flags,
         .primitive_count = row->primitive_count,
         .vertex_count = row->vertex_count,
         .indexed = row->indexed,
-        .has_transform = (row->update & FORM_UPDATE_TRANSFORM) != 0,
         .vertex_format = row->vertex_format,
-        .max_vertex = row->max_vertex,
         .index_type = row->index_type,
         .lowest_index = row->lowest_index,
     };
+    if (kind->describe)
+        kind->describe(row, &made);
+    return made;
 }
 
 static void fill_header(const struct canonical *canonical, const struct build_options *options, uint32_t inactive,
@@ -48,7 +52,7 @@ static void fill_header(const struct canonical *canonical, const struct build_op
 {
     const struct layout *layout = layout_find(options->target);
     *header = (struct record_header){
-        .version = RECORD_VERSION,
+        .version = canonical->geometry_count > 0 ? update_kind_of(canonical->geometries[0].type)->version : 1,
         .size = record_size(canonical->geometry_count, canonical->primitive_count, inactive),
         .type = canonical->type,
         .flags = canonical->flags,
@@ -69,7 +73,7 @@ struct sums {
 };
 
 /*
- * Adds the checksums of a chunk of triangles to those of their geometries. The sum of a geometry does not depend on the
+ * Adds the checksums of a chunk of primitives to those of their geometries. The sum of a geometry does not depend on the
  * order of its parts, and each part's checksum begins with its place.
  */
 static void sum_chunk(void *context, size_t index)
@@ -85,7 +89,8 @@ static void sum_chunk(void *context, size_t index)
         begin += last - first;
         if (!geometry->indices || first == last)
             continue;
-        const struct bytes part = {(const unsigned char *)(geometry->indices + 3 * first), 12 * (last - first)};
+        const size_t size = kind_find(geometry->type)->primitive_bytes;
+        const struct bytes part = {(const unsigned char *)geometry->indices + size * first, size * (last - first)};
         __atomic_fetch_add(&sums->rows[g].index_sum, checksum(part, first), __ATOMIC_RELAXED);
     }
 }

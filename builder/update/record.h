@@ -16,12 +16,13 @@
 #include "proto/base/bytes.h"
 #include "proto/base/status.h"
 
-enum { RECORD_VERSION = 1 };
+/* Version 2 added rows of spheres and linear swept spheres. A record has the oldest version that has its rows. */
+enum { RECORD_NEWEST = 2 };
 
 /* The fields of the structure as a whole. */
 struct record_header {
     char magic[4]; /* "BVHU" */
-    uint32_t version; /* RECORD_VERSION */
+    uint32_t version;
     uint64_t size; /* bytes of the whole record */
     uint32_t type; /* STRUCTURE_TOP or STRUCTURE_BOTTOM */
     uint32_t flags; /* BUILD_ */
@@ -37,16 +38,25 @@ struct record_header {
     uint64_t reserved[2]; /* 0 */
 };
 
-/* The fields of one geometry. All but the first three are 0 unless the geometry has triangles. */
+/*
+ * The fields of one geometry. All but the first three are 0 unless the geometry has vertices. Where there are two names
+ * for a field, the first is that of triangles.
+ */
 struct record_geometry {
     uint32_t type; /* GEOMETRY_ */
     uint32_t flags; /* GEOMETRY_OPAQUE | GEOMETRY_NO_DUPLICATE_ANY_HIT */
     uint32_t primitive_count;
     uint32_t vertex_count; /* of the canonical copy */
     uint32_t indexed; /* 1: the canonical copy has indices */
-    uint32_t has_transform; /* 1: transformData was not NULL */
+    union {
+        uint32_t has_transform; /* 1: transformData was not NULL */
+        uint32_t swept_modes; /* linear swept spheres: FORM_SWEPT_ (canonical_form.h); 0 for spheres */
+    };
     uint32_t vertex_format; /* VkFormat */
-    uint32_t max_vertex;
+    union {
+        uint32_t max_vertex;
+        uint32_t radius_format; /* VkFormat; spheres and linear swept spheres */
+    };
     uint32_t index_type; /* VkIndexType */
     uint32_t lowest_index; /* in the request */
     uint64_t index_sum; /* a checksum of the canonical copy's indices, which count from the lowest one */

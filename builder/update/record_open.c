@@ -18,9 +18,11 @@ static enum bvhd_status check_form(struct bytes bytes, const struct record_heade
         return corrupt(error, "record", "too short");
     if (memcmp(header->magic, record_magic, sizeof record_magic) != 0)
         return corrupt(error, "record.magic", "this is no record of an updatable structure");
-    if (header->version != RECORD_VERSION)
-        return bvhd_error_set(error, BVHD_INCOMPATIBLE, "record.version", "version %u, known is %d", header->version,
-                              RECORD_VERSION);
+    if (header->version == 0 || header->version > RECORD_NEWEST)
+        return bvhd_error_set(error, BVHD_INCOMPATIBLE, "record.version", "version %u, known are 1 to %d",
+                              header->version, RECORD_NEWEST);
+    if (header->version != 1 && header->geometry_count == 0)
+        return corrupt(error, "record.version", "not that of a record without rows");
     if (header->size != bytes.size ||
         header->size != record_size(header->geometry_count, header->primitive_count, header->inactive_count))
         return corrupt(error, "record.size", "not what its parts take");
@@ -58,7 +60,9 @@ static enum bvhd_status check_structure(const struct record_header *header, stru
 static bool row_is_sound(const struct record_header *header, const struct record_geometry *row)
 {
     const struct update_kind *kind = update_kind_of(row->type);
-    return kind && (header->type == STRUCTURE_TOP) == (row->type == GEOMETRY_INSTANCES) && kind->row_is_sound(row);
+    if (!kind || kind->version != header->version || layout_find((enum target)header->target)->version(row->type) == 0)
+        return false;
+    return (header->type == STRUCTURE_TOP) == (row->type == GEOMETRY_INSTANCES) && kind->row_is_sound(row);
 }
 
 static enum bvhd_status check_rows(const struct record *record, struct bvhd_error *error)

@@ -33,6 +33,7 @@ static void boxes(const struct refit_records *records, uint32_t first, const uin
 }
 
 const struct update_kind update_aabbs = {
+    .version = 1,
     .row_is_sound = update_row_is_plain,
     .active = active,
     .write = write,

@@ -5,9 +5,9 @@
 const struct update_kind *update_kind_of(uint32_t type)
 {
     static const struct update_kind *const kinds[KIND_COUNT] = {
-        [KIND_TRIANGLES] = &update_triangles,
-        [KIND_AABBS] = &update_aabbs,
-        [KIND_INSTANCES] = &update_instances,
+        [KIND_TRIANGLES] = &update_triangles,         [KIND_AABBS] = &update_aabbs,
+        [KIND_INSTANCES] = &update_instances,         [KIND_SPHERES] = &update_spheres,
+        [KIND_SWEPT_SPHERES] = &update_swept_spheres,
     };
     const struct kind *kind = kind_find(type);
     return kind ? kinds[kind->number] : NULL;

@@ -10,6 +10,8 @@
 #include "builder/update/refit_internal.h"
 #include "proto/base/place.h"
 
+struct form_geometry;
+
 /* A field that an update must not change. */
 struct update_rule {
     enum bvhd_vuid vuid; /* or BVHD_VUID_NONE: Vulkan has no rule */
@@ -36,6 +38,9 @@ struct refit_records {
 
 /* One kind of geometry. */
 struct update_kind {
+    uint32_t version; /* of records with rows of this kind: the oldest one that has them */
+    /* Fills the fields of a row that only this kind has, from that of the canonical form. NULL: there are none. */
+    void (*describe)(const struct form_geometry *form, struct record_geometry *row);
     /* Returns whether an untrusted row can be that of such a geometry. */
     bool (*row_is_sound)(const struct record_geometry *row);
     /* The rules about fields that only this kind has. */
@@ -59,7 +64,7 @@ struct update_kind {
                   struct refit_node ret_leaves[8]);
 };
 
-extern const struct update_kind update_triangles, update_aabbs, update_instances;
+extern const struct update_kind update_triangles, update_aabbs, update_instances, update_spheres, update_swept_spheres;
 
 /* Returns the row of a GEOMETRY_, or NULL for a type that is none. */
 const struct update_kind *update_kind_of(uint32_t type);
@@ -71,7 +76,7 @@ static inline struct place update_place(const struct update_comparison *comparis
     return place("infos[%u].geometries[%u].%s", comparison->info, geometry, field);
 }
 
-/* Returns whether the fields are 0 that only triangles have. */
+/* Returns whether the fields are 0 that only kinds with vertices have. */
 bool update_row_is_plain(const struct record_geometry *row);
 
 static inline bool update_any_nan(const float *values, size_t count)

@@ -1,6 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* update_triangles.c - updates of triangles. */
+#include "builder/input/canonical_form.h"
 #include "builder/update/update_kind.h"
+
+static void describe(const struct form_geometry *form, struct record_geometry *row)
+{
+    row->has_transform = (form->update & FORM_UPDATE_TRANSFORM) != 0;
+    row->max_vertex = form->max_vertex;
+}
 
 static bool row_is_sound(const struct record_geometry *row)
 {
@@ -132,6 +139,8 @@ static void boxes(const struct refit_records *records, uint32_t first, const uin
 }
 
 const struct update_kind update_triangles = {
+    .version = 1,
+    .describe = describe,
     .row_is_sound = row_is_sound,
     .rules = rules,
     .rule_count = sizeof rules / sizeof *rules,

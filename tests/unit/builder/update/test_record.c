@@ -212,7 +212,9 @@ struct damage {
 
 static const struct damage damages[] = {
     {HEADER(magic), 0, BVHD_CORRUPT, "record.magic"},
-    {HEADER(version), 2, BVHD_INCOMPATIBLE, "record.version"},
+    {HEADER(version), 0, BVHD_INCOMPATIBLE, "record.version"},
+    {HEADER(version), RECORD_NEWEST + 1, BVHD_INCOMPATIBLE, "record.version"},
+    {HEADER(version), 2, BVHD_CORRUPT, "record.geometries[0]"},
     {HEADER(size), 0, BVHD_CORRUPT, "record.size"},
     {HEADER(geometry_count), 3, BVHD_CORRUPT, "record.size"},
     {HEADER(geometry_count), UINT32_MAX, BVHD_CORRUPT, "record.size"},
