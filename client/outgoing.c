@@ -194,7 +194,7 @@ struct control_item outgoing_describe(const struct build_input *input)
         .target = input->options.target,
         .layout_flags = input->options.layout_flags,
         .geometry_count = input->geometry_count,
-        .geometry_size = sizeof(struct geometry_row),
+        .geometry_size = rows_geometry_size(input),
         .reference_count = input->reference_count,
         .reference_size = sizeof(struct reference_row),
         .device = input->options.device,

@@ -74,7 +74,7 @@ uint64_t preparation_guess(const struct control_item *item)
 {
     uint64_t size = item->payload_size;
     uint64_t copy = sum(size, item->type == STRUCTURE_TOP ? size / 64 * INSTANCE_BYTES : size / 3);
-    uint64_t geometries = least(item->geometry_count, size / ROWS_GEOMETRY_SIZE);
+    uint64_t geometries = least(item->geometry_count, size / ROWS_GEOMETRY_LEAST);
     uint64_t references = least(item->reference_count, size / ROWS_REFERENCE_LEAST);
     uint64_t rows = sum(product(geometries, GEOMETRY_BYTES), product(references, REFERENCE_BYTES));
     return sum(sum(copy, least(copy, MOVED_BYTES)), sum(2 * rows, FIXED_BYTES));

@@ -90,8 +90,8 @@ struct geometry_aabbs {
 };
 
 /*
- * VkAccelerationStructureGeometrySpheresDataNV: a centre and a radius for each vertex. range.primitive_offset applies to
- * the indices or, without indices, to both the centres and the radii.
+ * VkAccelerationStructureGeometrySpheresDataNV: a centre and a radius for each vertex. range.primitive_offset applies
+ * to the indices or, without indices, to both the centres and the radii.
  */
 struct geometry_spheres {
     uint32_t vertex_format, radius_format; /* VkFormat */

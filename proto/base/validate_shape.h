@@ -3,8 +3,9 @@
  * validate_shape.h - checks Vulkan's rules about what is built: types, flags, formats and numbers of one entry. They
  * need neither the memory of the geometry nor a target, so that they hold for the query of sizes, too.
  *
- * Each function returns BVHD_INVALID with the rule and the place, BVHD_UNSUPPORTED for what Vulkan defines and bvhd does
- * not implement, or BVHD_TOO_LARGE for a limit that no rule of Vulkan names. They have no side effects, and may be called from any thread.
+ * Each function returns BVHD_INVALID with the rule and the place, BVHD_UNSUPPORTED for what Vulkan defines and bvhd
+ * does not implement, or BVHD_TOO_LARGE for a limit that no rule of Vulkan names. They have no side effects, and may be
+ * called from any thread.
  */
 #ifndef BVHD_VALIDATE_SHAPE_H
 #define BVHD_VALIDATE_SHAPE_H

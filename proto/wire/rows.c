@@ -15,6 +15,7 @@ static const struct {
     [ROW_DATA] = {"data", offsetof(struct geometry_row, data)},
     [ROW_INDICES] = {"indices", offsetof(struct geometry_row, indices)},
     [ROW_TRANSFORM] = {"transform", offsetof(struct geometry_row, transform)},
+    [ROW_RADII] = {"radii", offsetof(struct geometry_row, radii)},
 };
 
 struct arrays {
@@ -68,10 +69,20 @@ static bool place_geometry(struct payload_layout *layout, const struct geometry 
     return true;
 }
 
+uint32_t rows_geometry_size(const struct build_input *input)
+{
+    uint32_t size = ROWS_GEOMETRY_LEAST;
+    for (uint32_t i = 0; i < input->geometry_count && size < ROWS_GEOMETRY_SIZE; i++) {
+        uint32_t needed = row_kind_find(input->geometries[i].type)->size;
+        size = needed > size ? needed : size;
+    }
+    return size;
+}
+
 /* Counts are 32-bit numbers, so the sum cannot overflow. */
 static uint64_t rows_end(const struct build_input *input)
 {
-    return (uint64_t)input->geometry_count * sizeof(struct geometry_row) +
+    return (uint64_t)input->geometry_count * rows_geometry_size(input) +
            (uint64_t)input->reference_count * sizeof(struct reference_row);
 }
 
@@ -117,12 +128,13 @@ static struct reference_row reference_to_row(const struct reference *reference)
 static void write_rows(const struct build_input *input, unsigned char *payload)
 {
     struct payload_layout layout = {.end = rows_end(input)};
+    size_t geometry_size = rows_geometry_size(input);
     for (uint32_t i = 0; i < input->geometry_count; i++) {
         place_geometry(&layout, &input->geometries[i]);
         struct geometry_row row = geometry_to_row(&input->geometries[i], layout.spans);
-        memcpy(payload + i * sizeof row, &row, sizeof row);
+        memcpy(payload + i * geometry_size, &row, geometry_size);
     }
-    unsigned char *references = payload + input->geometry_count * sizeof(struct geometry_row);
+    unsigned char *references = payload + input->geometry_count * geometry_size;
     for (uint32_t i = 0; i < input->reference_count; i++) {
         struct reference_row row = reference_to_row(&input->references[i]);
         memcpy(references + i * sizeof row, &row, sizeof row);
@@ -269,12 +281,19 @@ static enum bvhd_status read_arrays(const struct rows_reader *reading, uint32_t 
     return status;
 }
 
+/* Returns whether a field is used that will have a meaning for a later version. */
+static bool has_newer_fields(const struct geometry_row *row)
+{
+    return row->reserved != 0 || row->reserved_round != 0 || row->end_positions.offset != 0 ||
+           row->end_positions.size != 0;
+}
+
 /* A row with an unknown type passes; validation refuses it. */
 static enum bvhd_status row_to_geometry(const struct rows_reader *reading, uint32_t i, const struct geometry_row *row,
                                         struct geometry *ret_geometry)
 {
     const struct row_kind *kind = row_kind_find(row->type);
-    if (row->reserved != 0)
+    if (has_newer_fields(row))
         return bvhd_error_set(reading->error, BVHD_UNSUPPORTED,
                               place("infos[%u].geometries[%u]", reading->index, i).text, "fields of a newer version");
     memset(ret_geometry, 0, sizeof *ret_geometry);
@@ -346,7 +365,7 @@ enum bvhd_status rows_read(struct bytes payload, const struct rows_shape *shape,
 {
     struct rows_reader reading = {payload, index, shape->cancel, error};
     struct row_range geometry_range = {
-        "geometries", shape->geometry_count, shape->geometry_size, sizeof(struct geometry_row), ROWS_GEOMETRY_SIZE, 0};
+        "geometries", shape->geometry_count, shape->geometry_size, sizeof(struct geometry_row), ROWS_GEOMETRY_LEAST, 0};
     struct row_range reference_range = {"references",          shape->reference_count,
                                         shape->reference_size, sizeof(struct reference_row),
                                         ROWS_REFERENCE_LEAST,  (uint64_t)shape->geometry_count * shape->geometry_size};

@@ -35,6 +35,12 @@ struct geometry_row {
     struct row_span data; /* vertices, boxes or instance records */
     struct row_span indices;
     struct row_span transform;
+    /* Shorter rows end before these fields. */
+    uint32_t radius_format, indexing_mode, end_caps_mode;
+    uint32_t reserved_round; /* 0 */
+    uint64_t index_stride, radius_stride; /* bytes */
+    struct row_span radii;
+    struct row_span end_positions; /* 0: for vertices at the time 1 */
 };
 
 /* One reference in its wire format; fields as in struct reference. */
@@ -49,11 +55,12 @@ struct reference_row {
 };
 
 /*
- * The sizes of rows that are written, and the smallest size that a reader accepts: those of version 1. Data in payloads
+ * The sizes of rows with all fields, and the smallest sizes that a reader accepts: those of version 1. Data in payloads
  * starts at multiples of ROWS_ALIGNMENT.
  */
 enum {
-    ROWS_GEOMETRY_SIZE = 96,
+    ROWS_GEOMETRY_SIZE = 160,
+    ROWS_GEOMETRY_LEAST = 96,
     ROWS_REFERENCE_SIZE = 160,
     ROWS_REFERENCE_LEAST = 80,
     ROWS_MAX_SIZE = 4096,
@@ -62,6 +69,12 @@ enum {
 
 _Static_assert(sizeof(struct geometry_row) == ROWS_GEOMETRY_SIZE && sizeof(struct reference_row) == ROWS_REFERENCE_SIZE,
                "wire format");
+
+/*
+ * Returns how many bytes each geometry row of the description's payload has: ROWS_GEOMETRY_LEAST, which every daemon
+ * understands, unless a kind of geometry needs more.
+ */
+uint32_t rows_geometry_size(const struct build_input *input);
 
 /* Computes the size of a description's payload in bytes. Returns false if it does not fit 64 bits. */
 bool rows_payload_size(const struct build_input *input, uint64_t *ret_size);

@@ -136,7 +136,7 @@ static size_t build_sample(uint8_t kind, const struct build_input *const *inputs
         rows_write(inputs[i], payloads + end);
         items[i] = (struct control_item){.type = inputs[i]->type, .flags = inputs[i]->flags, .target = TARGET_PORTABLE};
         items[i].geometry_count = inputs[i]->geometry_count;
-        items[i].geometry_size = ROWS_GEOMETRY_SIZE;
+        items[i].geometry_size = rows_geometry_size(inputs[i]);
         items[i].reference_count = inputs[i]->reference_count;
         items[i].reference_size = ROWS_REFERENCE_SIZE;
         items[i].payload_offset = end;

@@ -72,7 +72,7 @@ static void *scribble(void *unused)
         for (int slot = 0; slot < SLOTS; slot++) {
             unsigned char *at = pool + (uint64_t)slot * slot_size;
             if (round % 64 == 0)
-                memset(at, (int)round, ROWS_GEOMETRY_SIZE);
+                memset(at, (int)round, ROWS_GEOMETRY_LEAST);
             memcpy(at, source, payload_size);
         }
     }

@@ -286,14 +286,15 @@ static void case_floods(void)
 
 static int make_rows(uint64_t *ret_size)
 {
-    uint64_t box = (uint64_t)ROWS * ROWS_GEOMETRY_SIZE, box_size = 6 * sizeof(float), size = box + box_size;
+    uint64_t box = (uint64_t)ROWS * ROWS_GEOMETRY_LEAST, box_size = 6 * sizeof(float), size = box + box_size;
     int descriptor = memfd_create("rows", MFD_ALLOW_SEALING);
     if (ftruncate(descriptor, (off_t)size) != 0)
         return -1;
-    struct geometry_row *rows = mmap(NULL, size, PROT_READ | PROT_WRITE, MAP_SHARED, descriptor, 0);
+    const struct geometry_row row = {.type = GEOMETRY_AABBS, .primitive_count = 1, .data = {box, box_size}};
+    unsigned char *rows = mmap(NULL, size, PROT_READ | PROT_WRITE, MAP_SHARED, descriptor, 0);
     for (uint32_t i = 0; i < ROWS; i++)
-        rows[i] = (struct geometry_row){.type = GEOMETRY_AABBS, .primitive_count = 1, .data = {box, box_size}};
-    memset((unsigned char *)rows + box, 0, box_size); /* a point, which is a valid box */
+        memcpy(rows + (uint64_t)i * ROWS_GEOMETRY_LEAST, &row, ROWS_GEOMETRY_LEAST);
+    memset(rows + box, 0, box_size); /* a point, which is a valid box */
     munmap(rows, size);
     fcntl(descriptor, F_ADD_SEALS, F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_WRITE | F_SEAL_SEAL);
     *ret_size = size;

@@ -6,6 +6,7 @@
 #ifndef BVHD_TEST_INPUTS_H
 #define BVHD_TEST_INPUTS_H
 
+#include <stdbool.h>
 #include <string.h>
 
 #include "proto/base/geometry.h"
@@ -16,7 +17,7 @@ struct test_input {
     struct build_input input;
     struct geometry geometries[2];
     struct reference references[3];
-    float vertices[INPUTS_VERTICES][5]; /* xyz and eight bytes of other data */
+    float vertices[INPUTS_VERTICES][5]; /* xyz, a radius, and four bytes of other data */
     uint16_t indices[8];
     float transform[16]; /* the matrix begins at byte 16 */
     float boxes[INPUTS_BOXES][6];
@@ -32,19 +33,25 @@ static inline void inputs_start(struct test_input *test, uint32_t type, uint32_t
     test->input.options.target = TARGET_PORTABLE;
 }
 
+/* Fills the vertices and the indices, the first two of which are before the range. */
+static inline void inputs_fill_vertices(struct test_input *test)
+{
+    static const uint16_t indices[8] = {9, 9, 0, 1, 2, 2, 1, 3};
+    for (int i = 0; i < INPUTS_VERTICES; i++)
+        for (int k = 0; k < 5; k++)
+            test->vertices[i][k] = (float)(i * i % 7) + 0.25f * (float)(k * (i + 1) % 5);
+    memcpy(test->indices, indices, sizeof indices);
+}
+
 /*
  * Makes two geometries: two triangles with 16-bit indices from vertex 1 on and a transform, and three triangles without
  * indices.
  */
 static inline void inputs_triangles(struct test_input *test)
 {
-    static const uint16_t indices[8] = {9, 9, 0, 1, 2, 2, 1, 3}; /* the first two are before the range */
     static const float transform[16] = {0, 0, 0, 0, 0, -2, 0, 1, 2, 0, 0, -1, 0, 0, 0.5f, 3};
     inputs_start(test, STRUCTURE_BOTTOM, 2);
-    for (int i = 0; i < INPUTS_VERTICES; i++)
-        for (int k = 0; k < 5; k++)
-            test->vertices[i][k] = (float)(i * i % 7) + 0.25f * (float)(k * (i + 1) % 5);
-    memcpy(test->indices, indices, sizeof indices);
+    inputs_fill_vertices(test);
     memcpy(test->transform, transform, sizeof transform);
     test->geometries[0] = (struct geometry){
         .type = GEOMETRY_TRIANGLES,
@@ -80,6 +87,65 @@ static inline void inputs_aabbs(struct test_input *test)
         .type = GEOMETRY_AABBS,
         .aabbs = {24, {(const unsigned char *)test->boxes, sizeof test->boxes}},
         .range = {.primitive_count = INPUTS_BOXES},
+    };
+}
+
+/* Describes the vertices as spheres, with the 16-bit indices or without indices. */
+static inline struct geometry_spheres inputs_ends(const struct test_input *test, bool indexed)
+{
+    struct geometry_spheres ends = {
+        .vertex_format = 106,
+        .radius_format = 100,
+        .index_type = INDEX_NONE,
+        .vertex_stride = 20,
+        .radius_stride = 20,
+        .vertices = {(const unsigned char *)test->vertices, sizeof test->vertices},
+        .radii = {(const unsigned char *)&test->vertices[0][3], sizeof test->vertices - 3 * sizeof(float)},
+    };
+    if (indexed) {
+        ends.index_type = INDEX_UINT16;
+        ends.index_stride = sizeof(uint16_t);
+        ends.indices = (struct bytes){(const unsigned char *)test->indices, sizeof test->indices};
+    }
+    return ends;
+}
+
+/* Makes two geometries: six spheres with 16-bit indices from vertex 1 on, and three spheres without indices. */
+static inline void inputs_spheres(struct test_input *test)
+{
+    inputs_start(test, STRUCTURE_BOTTOM, 2);
+    inputs_fill_vertices(test);
+    test->geometries[0] = (struct geometry){
+        .type = GEOMETRY_SPHERES,
+        .flags = GEOMETRY_OPAQUE,
+        .spheres = inputs_ends(test, true),
+        .range = {.primitive_count = 6, .primitive_offset = 4, .first_vertex = 1},
+    };
+    test->geometries[1] = (struct geometry){
+        .type = GEOMETRY_SPHERES,
+        .spheres = inputs_ends(test, false),
+        .range = {.primitive_count = 3},
+    };
+}
+
+/*
+ * Makes two geometries: six linear swept spheres in chains, with 16-bit indices from vertex 1 on, and three without
+ * indices and caps.
+ */
+static inline void inputs_swept_spheres(struct test_input *test)
+{
+    inputs_start(test, STRUCTURE_BOTTOM, 2);
+    inputs_fill_vertices(test);
+    test->geometries[0] = (struct geometry){
+        .type = GEOMETRY_SWEPT_SPHERES,
+        .flags = GEOMETRY_OPAQUE,
+        .swept_spheres = {inputs_ends(test, true), SWEPT_SUCCESSIVE, SWEPT_CAPS_CHAINED},
+        .range = {.primitive_count = 6, .primitive_offset = 4, .first_vertex = 1},
+    };
+    test->geometries[1] = (struct geometry){
+        .type = GEOMETRY_SWEPT_SPHERES,
+        .swept_spheres = {inputs_ends(test, false), SWEPT_LIST, SWEPT_CAPS_NONE},
+        .range = {.primitive_count = 3},
     };
 }
 

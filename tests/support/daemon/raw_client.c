@@ -273,7 +273,7 @@ struct control_item raw_item(uint64_t payload_offset, uint64_t payload_size, enu
         .quality = QUALITY_BALANCED,
         .target = TARGET_PORTABLE,
         .geometry_count = 1,
-        .geometry_size = ROWS_GEOMETRY_SIZE,
+        .geometry_size = ROWS_GEOMETRY_LEAST,
         .reference_size = ROWS_REFERENCE_SIZE,
         .payload_source = source,
         .payload_offset = payload_offset,
@@ -331,10 +331,10 @@ uint64_t raw_build(struct raw_client *client, const struct control_item *items, 
 void raw_boxes_write(uint32_t count, uint32_t seed, unsigned char payload[RAW_BOXES_PAYLOAD])
 {
     struct geometry_row row = {
-        .type = GEOMETRY_AABBS, .primitive_count = count, .data = {ROWS_GEOMETRY_SIZE, 6 * sizeof(float)}};
+        .type = GEOMETRY_AABBS, .primitive_count = count, .data = {ROWS_GEOMETRY_LEAST, 6 * sizeof(float)}};
     const float box[6] = {0, 0, 0, 1, 1, 1 + (float)seed};
-    memcpy(payload, &row, sizeof row);
-    memcpy(payload + sizeof row, box, sizeof box);
+    memcpy(payload, &row, ROWS_GEOMETRY_LEAST);
+    memcpy(payload + ROWS_GEOMETRY_LEAST, box, sizeof box);
 }
 
 uint64_t raw_build_boxes(struct raw_client *client, uint32_t count, uint32_t seed, uint64_t size)

@@ -89,7 +89,7 @@ unsigned char *raw_payload(uint32_t triangles, uint32_t seed, uint64_t *ret_size
 uint64_t raw_build(struct raw_client *client, const struct control_item *items, uint32_t count,
                    struct bytes inline_bytes, const int *descriptors, const uint64_t *sizes, uint32_t descriptor_count);
 
-enum { RAW_BOXES_PAYLOAD = ROWS_GEOMETRY_SIZE + 6 * sizeof(float) };
+enum { RAW_BOXES_PAYLOAD = ROWS_GEOMETRY_LEAST + 6 * sizeof(float) };
 
 /* Writes the payload of `count` boxes, which are all the same one: their stride is 0. They differ with the seed. */
 void raw_boxes_write(uint32_t count, uint32_t seed, unsigned char payload[RAW_BOXES_PAYLOAD]);

@@ -550,7 +550,7 @@ struct control_item world_item(const struct build_input *input, uint64_t size, e
         .target = input->options.target,
         .layout_flags = input->options.layout_flags,
         .geometry_count = input->geometry_count,
-        .geometry_size = ROWS_GEOMETRY_SIZE,
+        .geometry_size = rows_geometry_size(input),
         .reference_count = input->reference_count,
         .reference_size = ROWS_REFERENCE_SIZE,
         .payload_source = source,

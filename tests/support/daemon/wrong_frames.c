@@ -9,16 +9,18 @@
 #include <sys/time.h>
 #include <unistd.h>
 
+#include "proto/base/vertex_element.h"
+
 enum { POOL_SIZE = 1 << 20, PAYLOAD_SIZE = 60 * 1024, MOST_ITEMS = 4096, SLOT = 16 * 1024 };
 
 /* Values around limits of fields, of types, and of sizes. */
 static const uint64_t odd_values[] = {
-    0,          1,          2,          3,           4,          5,          7,          8,          12,
-    16,         24,         31,         32,          48,         64,         79,         80,         81,
-    95,         96,         97,         100,         106,        255,        256,        1024,       4095,
-    4096,       4097,       65535,      65536,       0xffffff,   0x1000000,  0x1fffffff, 0x20000000, 0x7fffffff,
-    0x80000000, 0xfffffff8, 0xffffffff, 0x100000000, 1000165000, 1000623000, 1000478000, 61440,      1ull << 40,
-    1ull << 62, 1ull << 63, ~0ull - 7,  ~0ull,
+    0,          1,          2,          3,          4,           5,          7,          8,          12,
+    16,         24,         31,         32,         48,          64,         79,         80,         81,
+    95,         96,         160,        97,         100,         106,        255,        256,        1024,
+    4095,       4096,       4097,       65535,      65536,       0xffffff,   0x1000000,  0x1fffffff, 0x20000000,
+    0x7fffffff, 0x80000000, 0xfffffff8, 0xffffffff, 0x100000000, 1000165000, 1000429004, 1000429005, 1000623000,
+    1000478000, 61440,      1ull << 40, 1ull << 62, 1ull << 63,  ~0ull - 7,  ~0ull,
 };
 enum { ODD_VALUES = sizeof odd_values / sizeof *odd_values };
 
@@ -47,18 +49,29 @@ static uint64_t odd_value(struct wrong_frames *wrong)
 
 /* ---- payloads ---- */
 
+/* The kinds of geometry, bytes of their primitives without indices, and strides. */
+static const struct kind_bytes {
+    uint32_t type;
+    uint64_t each, stride;
+} kinds[] = {
+    {GEOMETRY_TRIANGLES, 36, 12}, {GEOMETRY_AABBS, 24, 24},         {GEOMETRY_INSTANCES, 64, 0},
+    {GEOMETRY_SPHERES, 16, 16},   {GEOMETRY_SWEPT_SPHERES, 32, 16},
+};
+enum { KINDS = sizeof kinds / sizeof *kinds };
+
 /* Writes the valid rows and data of one geometry of this kind. Returns their size in bytes. */
-static uint64_t write_payload(struct wrong_frames *wrong, uint32_t kind, unsigned char *at)
+static uint64_t write_payload(struct wrong_frames *wrong, const struct kind_bytes *kind, unsigned char *at)
 {
-    uint32_t count = (uint32_t)wrong_below(wrong, 60) + 1, references = kind == GEOMETRY_INSTANCES ? 4 : 0;
-    uint64_t data = ROWS_GEOMETRY_SIZE + references * ROWS_REFERENCE_SIZE, each = kind == GEOMETRY_TRIANGLES ? 36
-                                                                                  : kind == 1                ? 24
-                                                                                                             : 64;
-    struct geometry_row row = {.type = kind, .primitive_count = count, .data = {data, count * each}};
+    uint32_t count = (uint32_t)wrong_below(wrong, 60) + 1, references = kind->type == GEOMETRY_INSTANCES ? 4 : 0;
+    uint64_t data = ROWS_GEOMETRY_SIZE + references * ROWS_REFERENCE_SIZE, each = kind->each;
+    struct geometry_row row = {.type = kind->type, .primitive_count = count, .data = {data, count * each}};
     row.vertex_format = 106;
     row.max_vertex = count * 3 - 1;
     row.index_type = INDEX_NONE;
-    row.stride = kind == GEOMETRY_TRIANGLES ? 12 : 24;
+    row.stride = row.radius_stride = kind->stride;
+    row.radius_format = RADIUS_FLOAT32;
+    row.end_caps_mode = count % 2;
+    row.radii = (struct row_span){data + 12, count * each - 12};
     memcpy(at, &row, sizeof row);
     for (uint32_t i = 0; i < references; i++) {
         struct reference_row reference = {.handle = i + 1, .kind = REFERENCE_BLAS, .bounds = {0, 0, 0, 1, 1, 1}};
@@ -68,7 +81,7 @@ static uint64_t write_payload(struct wrong_frames *wrong, uint32_t kind, unsigne
         float value = (float)wrong_below(wrong, 1000) / 16.0f;
         memcpy(at + data + i, &value, sizeof value);
     }
-    for (uint32_t i = 0; kind == GEOMETRY_INSTANCES && i < count; i++)
+    for (uint32_t i = 0; references > 0 && i < count; i++)
         bytes_put64(at + data + i * each + 56, i % references + 1);
     return data + count * each;
 }
@@ -111,7 +124,7 @@ static struct control_item make_item(struct wrong_frames *wrong, enum control_so
 {
     uint64_t slots = source == SOURCE_INLINE ? PAYLOAD_SIZE / SLOT : POOL_SIZE / SLOT,
              offset = wrong_below(wrong, slots) * SLOT;
-    uint32_t kind = (uint32_t)wrong_below(wrong, 3);
+    const struct kind_bytes *kind = &kinds[wrong_below(wrong, KINDS)];
     uint64_t size = SLOT;
     if (source != SOURCE_MEMFD) {
         size = write_payload(wrong, kind, place_of(wrong, source) + offset);
@@ -119,8 +132,9 @@ static struct control_item make_item(struct wrong_frames *wrong, enum control_so
             spoil_payload(wrong, place_of(wrong, source) + offset, size);
     }
     struct control_item item = raw_item(offset, size, source);
-    item.type = kind == GEOMETRY_INSTANCES ? STRUCTURE_TOP : STRUCTURE_BOTTOM;
-    item.reference_count = kind == GEOMETRY_INSTANCES ? 4 : 0;
+    item.type = kind->type == GEOMETRY_INSTANCES ? STRUCTURE_TOP : STRUCTURE_BOTTOM;
+    item.geometry_size = ROWS_GEOMETRY_SIZE;
+    item.reference_count = kind->type == GEOMETRY_INSTANCES ? 4 : 0;
     item.quality = (uint32_t)wrong_below(wrong, 5);
     item.destination = one_in(wrong, 4) ? wrong_below(wrong, 3) : 0;
     if (one_in(wrong, 3))
@@ -337,6 +351,6 @@ void wrong_init(struct wrong_frames *wrong, uint64_t seed)
         exit(1);
     wrong->pool = mmap(NULL, POOL_SIZE, PROT_READ | PROT_WRITE, MAP_SHARED, wrong->pool_file, 0);
     for (uint64_t at = 0; at < POOL_SIZE; at += SLOT)
-        write_payload(wrong, (uint32_t)(at / SLOT % 3), wrong->pool + at);
+        write_payload(wrong, &kinds[at / SLOT % KINDS], wrong->pool + at);
     wrong->sealed_file = raw_memfd(wrong->pool, POOL_SIZE, F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_WRITE | F_SEAL_SEAL);
 }

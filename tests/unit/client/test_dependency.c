@@ -79,7 +79,7 @@ static struct frame take_build(struct scene *scene, uint32_t count)
 static struct reference_row reference_in(const struct frame *frame, uint32_t slot)
 {
     struct reference_row row;
-    memcpy(&row, frame->inline_bytes.data + sizeof(struct geometry_row) + slot * sizeof row, sizeof row);
+    memcpy(&row, frame->inline_bytes.data + ROWS_GEOMETRY_LEAST + slot * sizeof row, sizeof row);
     return row;
 }
 

@@ -29,7 +29,7 @@ struct mesh {
 
 static void make_mesh(struct mesh *mesh, uint64_t size, unsigned char first)
 {
-    uint64_t bytes = size - ROWS_GEOMETRY_SIZE;
+    uint64_t bytes = size - ROWS_GEOMETRY_LEAST;
     *mesh = (struct mesh){.size = size, .vertices = malloc(bytes), .expected = malloc(size)};
     for (uint64_t i = 0; i < bytes; i++)
         mesh->vertices[i] = (unsigned char)(first + i % 253);

@@ -44,7 +44,7 @@ static struct control_item item_of(const struct build_input *input, uint64_t siz
         .layout_flags = input->options.layout_flags,
         .rays_per_primitive = input->options.rays_per_primitive,
         .geometry_count = input->geometry_count,
-        .geometry_size = ROWS_GEOMETRY_SIZE,
+        .geometry_size = rows_geometry_size(input),
         .reference_count = input->reference_count,
         .reference_size = ROWS_REFERENCE_SIZE,
         .payload_size = size,
@@ -233,7 +233,7 @@ static void test_the_guess_suits_ordinary_payloads(void **state)
         };
         struct build_input input = {.type = STRUCTURE_BOTTOM, .geometry_count = 1, .geometries = &geometry};
         struct control_item item =
-            item_of(&input, ROWS_GEOMETRY_SIZE + (uint64_t)vertices * 12 + (uint64_t)triangles * 12);
+            item_of(&input, ROWS_GEOMETRY_LEAST + (uint64_t)vertices * 12 + (uint64_t)triangles * 12);
         assert_true(preparation_bound(&input) <= preparation_guess(&item));
     }
 }
@@ -255,9 +255,9 @@ static void test_the_guess_suits_meshes_without_indices_and_top_levels(void **st
         struct build_input bottom = {.type = STRUCTURE_BOTTOM, .geometry_count = 1, .geometries = &triangles};
         struct build_input top = {
             .type = STRUCTURE_TOP, .geometry_count = 1, .geometries = &instances, .reference_count = count / 10 + 1};
-        struct control_item bottom_item = item_of(&bottom, ROWS_GEOMETRY_SIZE + (uint64_t)count * 36);
+        struct control_item bottom_item = item_of(&bottom, ROWS_GEOMETRY_LEAST + (uint64_t)count * 36);
         struct control_item top_item = item_of(
-            &top, ROWS_GEOMETRY_SIZE + (uint64_t)top.reference_count * ROWS_REFERENCE_SIZE + (uint64_t)count * 64);
+            &top, ROWS_GEOMETRY_LEAST + (uint64_t)top.reference_count * ROWS_REFERENCE_SIZE + (uint64_t)count * 64);
         assert_true(preparation_bound(&bottom) <= preparation_guess(&bottom_item));
         assert_true(preparation_bound(&top) <= preparation_guess(&top_item));
     }

@@ -193,7 +193,7 @@ static void test_rows_of_earlier_versions_are_taken(void **state)
     bytes_put32(row, STRUCTURE_BOTTOM);
     bytes_put32(row + 16, TARGET_PORTABLE);
     bytes_put32(row + 24, 1);
-    bytes_put32(row + 28, ROWS_GEOMETRY_SIZE);
+    bytes_put32(row + 28, ROWS_GEOMETRY_LEAST);
     bytes_put64(row + 72, mesh.size);
     struct frame frame = {.header = {.type = FRAME_BUILD,
                                      .request = 1,

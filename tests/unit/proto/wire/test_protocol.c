@@ -128,7 +128,7 @@ static void the_build_is_what_is_sent(void **state)
     struct control_item item = {.type = STRUCTURE_BOTTOM,
                                 .target = TARGET_PORTABLE,
                                 .geometry_count = 1,
-                                .geometry_size = ROWS_GEOMETRY_SIZE,
+                                .geometry_size = ROWS_GEOMETRY_LEAST,
                                 .payload_source = SOURCE_INLINE,
                                 .payload_size = size};
     struct control_build build = {.priority = PRIORITY_HIGH, .item_count = 1, .items = &item};
@@ -214,6 +214,14 @@ static void tables_are_the_structs(void **state)
     FIELD(geometry_row, data);
     FIELD(geometry_row, indices);
     FIELD(geometry_row, transform);
+    FIELD(geometry_row, radius_format);
+    FIELD(geometry_row, indexing_mode);
+    FIELD(geometry_row, end_caps_mode);
+    FIELD(geometry_row, reserved_round);
+    FIELD(geometry_row, index_stride);
+    FIELD(geometry_row, radius_stride);
+    FIELD(geometry_row, radii);
+    FIELD(geometry_row, end_positions);
     FIELD(reference_row, handle);
     FIELD(reference_row, kind);
     FIELD(reference_row, has_key);
