@@ -15,28 +15,25 @@ static const struct {
     uint32_t type;
     const char *name;
 } foreign_structs[] = {
-    {1000327000, "motion triangles"},
-    {1000396009, "an opacity micromap"},
-    {1000397002, "a displacement micromap"},
-    {1000429009, "linear swept spheres"},
-    {1000429010, "spheres"},
-    {1000478001, "dense geometry"},
-    {1000623002, "micromap data"},
-    {1000623003, "an opacity micromap"},
+    {1000327000, "motion triangles"}, {1000396009, "an opacity micromap"}, {1000397002, "a displacement micromap"},
+    {1000478001, "dense geometry"},   {1000623002, "micromap data"},       {1000623003, "an opacity micromap"},
 };
+
+static enum bvhd_status refuse_struct(const struct input_entry *entry, enum bvhd_vuid vuid, struct place where,
+                                      VkStructureType type)
+{
+    for (size_t i = 0; i < sizeof foreign_structs / sizeof foreign_structs[0]; i++)
+        if ((uint32_t)type == foreign_structs[i].type)
+            return bvhd_error_set(entry->error, BVHD_UNSUPPORTED, where.text, "%s is not supported",
+                                  foreign_structs[i].name);
+    return bvhd_error_rule(entry->error, vuid, where.text, "a struct whose sType is %s does not belong here",
+                           vulkan_name(VULKAN_STRUCTURE_TYPE, (uint32_t)type).text);
+}
 
 static enum bvhd_status check_chain(const struct input_entry *entry, enum bvhd_vuid vuid, struct place where,
                                     const void *chain)
 {
-    if (!chain)
-        return BVHD_OK;
-    const VkBaseInStructure *first = chain;
-    for (size_t i = 0; i < sizeof foreign_structs / sizeof foreign_structs[0]; i++)
-        if ((uint32_t)first->sType == foreign_structs[i].type)
-            return bvhd_error_set(entry->error, BVHD_UNSUPPORTED, where.text, "%s is not supported",
-                                  foreign_structs[i].name);
-    return bvhd_error_rule(entry->error, vuid, where.text, "a struct whose sType is %s does not belong here",
-                           vulkan_name(VULKAN_STRUCTURE_TYPE, (uint32_t)first->sType).text);
+    return chain ? refuse_struct(entry, vuid, where, ((const VkBaseInStructure *)chain)->sType) : BVHD_OK;
 }
 
 static enum bvhd_status check_structure_type(const struct input_entry *entry, enum bvhd_vuid vuid, struct place where,
@@ -49,12 +46,41 @@ static enum bvhd_status check_structure_type(const struct input_entry *entry, en
                            vulkan_name(VULKAN_STRUCTURE_TYPE, (uint32_t)expected).text);
 }
 
+/* Returns the kind whose struct is in chains with this sType; KIND_COUNT if there is none. */
+static enum kind_number chained_kind(VkStructureType type)
+{
+    enum kind_number number = 0;
+    while (number < KIND_COUNT &&
+           !(vulkan_input_kind_at(number)->is_chained && vulkan_input_kind_at(number)->head == type))
+        number++;
+    return number;
+}
+
+/*
+ * Checks the chain of geometry `index`, and finds the structs of kinds in it. Those of other kinds than the geometry's
+ * are legal and mean nothing. The walk ends, because no struct may be there twice.
+ */
+static enum bvhd_status read_chain(const struct input_entry *entry, uint32_t index, const void *chain,
+                                   const void *ret_data[KIND_COUNT])
+{
+    for (const VkBaseInStructure *link = chain; link; link = link->pNext) {
+        const enum kind_number number = chained_kind(link->sType);
+        struct place where = place("infos[%u].geometries[%u].pNext", entry->index, index);
+        if (number == KIND_COUNT)
+            return refuse_struct(entry, BVHD_VUID_Geometry_pNext_pNext, where, link->sType);
+        if (ret_data[number])
+            return bvhd_error_rule(entry->error, BVHD_VUID_Geometry_sType_unique, where.text, "%s is there twice",
+                                   vulkan_name(VULKAN_STRUCTURE_TYPE, (uint32_t)link->sType).text);
+        ret_data[number] = link;
+    }
+    return BVHD_OK;
+}
+
 /* Checks sType and pNext of the data of geometry `index`. */
 static enum bvhd_status check_data_head(const struct input_entry *entry, uint32_t index, const struct kind *kind,
-                                        const VkAccelerationStructureGeometryKHR *source)
+                                        const VkBaseInStructure *head)
 {
     const struct vulkan_input_kind *input_kind = vulkan_input_kind_at(kind->number);
-    const VkBaseInStructure *head = (const void *)&source->geometry;
     enum bvhd_status status = check_structure_type(
         entry, input_kind->type_rule, place("infos[%u].geometries[%u].%s.sType", entry->index, index, kind->member),
         head->sType, input_kind->head);
@@ -64,16 +90,37 @@ static enum bvhd_status check_data_head(const struct input_entry *entry, uint32_
                        place("infos[%u].geometries[%u].%s.pNext", entry->index, index, kind->member), head->pNext);
 }
 
-static enum bvhd_status check_geometry_head(const struct input_entry *entry, uint32_t index,
-                                            const VkAccelerationStructureGeometryKHR *source)
+static enum bvhd_status refuse_missing(const struct input_entry *entry, uint32_t index, const struct kind *kind)
 {
+    const struct vulkan_input_kind *input_kind = vulkan_input_kind_at(kind->number);
+    return bvhd_error_rule(entry->error, input_kind->type_rule,
+                           place("infos[%u].geometries[%u].pNext", entry->index, index).text,
+                           "geometryType is %s, but no struct in the chain has the sType %s",
+                           vulkan_name(VULKAN_GEOMETRY_TYPE, kind->type).text,
+                           vulkan_name(VULKAN_STRUCTURE_TYPE, (uint32_t)input_kind->head).text);
+}
+
+/*
+ * Checks the geometry's head, and finds the struct with its data. That is NULL if the type is one that validate_input
+ * refuses.
+ */
+static enum bvhd_status find_data(const struct input_entry *entry, uint32_t index,
+                                  const VkAccelerationStructureGeometryKHR *source, const void **ret_data)
+{
+    const struct kind *kind = kind_find((uint32_t)source->geometryType);
+    const void *chained[KIND_COUNT] = {NULL};
     enum bvhd_status status = check_structure_type(
         entry, BVHD_VUID_Geometry_sType_sType, place("infos[%u].geometries[%u].sType", entry->index, index),
         source->sType, VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_GEOMETRY_KHR);
     if (status == BVHD_OK)
-        status = check_chain(entry, BVHD_VUID_Geometry_pNext_pNext,
-                             place("infos[%u].geometries[%u].pNext", entry->index, index), source->pNext);
-    return status;
+        status = read_chain(entry, index, source->pNext, chained);
+    if (status != BVHD_OK || !kind)
+        return status;
+    const bool is_chained = vulkan_input_kind_at(kind->number)->is_chained;
+    *ret_data = is_chained ? chained[kind->number] : &source->geometry;
+    if (is_chained)
+        return *ret_data ? BVHD_OK : refuse_missing(entry, index, kind);
+    return check_data_head(entry, index, kind, *ret_data);
 }
 
 /*
@@ -122,17 +169,6 @@ static enum bvhd_status check_head(const struct input_entry *entry)
                            info->geometryCount);
 }
 
-/* Converts what only one kind of geometry has. Nothing is read of a type that validate_input refuses. */
-static enum bvhd_status convert_data(const struct input_entry *entry, uint32_t index,
-                                     const VkAccelerationStructureGeometryKHR *source, struct geometry *geometry)
-{
-    const struct kind *kind = kind_find(geometry->type);
-    if (!kind)
-        return BVHD_OK;
-    enum bvhd_status status = check_data_head(entry, index, kind, source);
-    return status == BVHD_OK ? vulkan_input_kind_at(kind->number)->convert(entry, source, geometry) : status;
-}
-
 static enum bvhd_status convert_geometry(const struct input_entry *entry, uint32_t index, struct geometry *geometry)
 {
     const VkAccelerationStructureBuildGeometryInfoKHR *info = entry->info;
@@ -143,7 +179,8 @@ static enum bvhd_status convert_geometry(const struct input_entry *entry, uint32
         return bvhd_error_rule(entry->error, BVHD_VUID_BuildGeometryInfo_ppGeometries_parameter,
                                place("infos[%u].ppGeometries[%u]", entry->index, index).text,
                                "ppGeometries[%u] is NULL, but geometryCount is %u", index, info->geometryCount);
-    enum bvhd_status status = check_geometry_head(entry, index, source);
+    const void *data = NULL;
+    enum bvhd_status status = find_data(entry, index, source, &data);
     if (status != BVHD_OK)
         return status;
     *geometry = (struct geometry){
@@ -151,7 +188,7 @@ static enum bvhd_status convert_geometry(const struct input_entry *entry, uint32
         .flags = source->flags,
         .range = {range->primitiveCount, range->primitiveOffset, range->firstVertex, range->transformOffset},
     };
-    return convert_data(entry, index, source, geometry);
+    return data ? vulkan_input_kind_at(kind_find(geometry->type)->number)->convert(entry, data, geometry) : BVHD_OK;
 }
 
 static enum bvhd_status convert_geometries(const struct input_entry *entry, struct build_input *description)

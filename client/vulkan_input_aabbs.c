@@ -1,10 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "client/vulkan_input_kind.h"
 
-static enum bvhd_status convert(const struct input_entry *entry, const VkAccelerationStructureGeometryKHR *source,
-                                struct geometry *geometry)
+static enum bvhd_status convert(const struct input_entry *entry, const void *data, struct geometry *geometry)
 {
-    const VkAccelerationStructureGeometryAabbsDataKHR *aabbs = &source->geometry.aabbs;
+    const VkAccelerationStructureGeometryAabbsDataKHR *aabbs = data;
     const struct geometry_range *range = &geometry->range;
     (void)entry;
     uint64_t size = 0;

@@ -109,10 +109,9 @@ static enum bvhd_status select_references(const struct input_entry *entry, const
     return status;
 }
 
-static enum bvhd_status convert(const struct input_entry *entry, const VkAccelerationStructureGeometryKHR *source,
-                                struct geometry *geometry)
+static enum bvhd_status convert(const struct input_entry *entry, const void *data, struct geometry *geometry)
 {
-    const VkAccelerationStructureGeometryInstancesDataKHR *instances = &source->geometry.instances;
+    const VkAccelerationStructureGeometryInstancesDataKHR *instances = data;
     const struct geometry_range *range = &geometry->range;
     uint64_t size = 0;
     /* An array of pointers has no records to read. */

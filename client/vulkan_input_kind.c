@@ -7,9 +7,9 @@
 const struct vulkan_input_kind *vulkan_input_kind_at(enum kind_number number)
 {
     static const struct vulkan_input_kind *const kinds[KIND_COUNT] = {
-        [KIND_TRIANGLES] = &vulkan_input_triangles,
-        [KIND_AABBS] = &vulkan_input_aabbs,
-        [KIND_INSTANCES] = &vulkan_input_instances,
+        [KIND_TRIANGLES] = &vulkan_input_triangles,         [KIND_AABBS] = &vulkan_input_aabbs,
+        [KIND_INSTANCES] = &vulkan_input_instances,         [KIND_SPHERES] = &vulkan_input_spheres,
+        [KIND_SWEPT_SPHERES] = &vulkan_input_swept_spheres,
     };
     return kinds[number];
 }

@@ -48,18 +48,24 @@ struct input_entry {
 };
 
 struct vulkan_input_kind {
-    VkStructureType head; /* the sType of its struct in VkAccelerationStructureGeometryDataKHR */
-    enum bvhd_vuid type_rule, chain_rule; /* about sType and pNext of this struct */
+    /*
+     * The sType of its struct, which is a member of VkAccelerationStructureGeometryDataKHR or, if is_chained, in the
+     * pNext chain of VkAccelerationStructureGeometryKHR.
+     */
+    VkStructureType head;
+    bool is_chained;
+    enum bvhd_vuid type_rule; /* about sType of this struct */
+    enum bvhd_vuid chain_rule; /* about its pNext; not for chained ones, whose chain is that of the geometry */
 
     /*
-     * Converts what describes this kind alone. The other members of `geometry` are set; entry->owned gets the memory
-     * that is made.
+     * Converts what describes this kind alone: `data` is its struct. The other members of `geometry` are set;
+     * entry->owned gets the memory that is made.
      */
-    enum bvhd_status (*convert)(const struct input_entry *entry, const VkAccelerationStructureGeometryKHR *source,
-                                struct geometry *geometry);
+    enum bvhd_status (*convert)(const struct input_entry *entry, const void *data, struct geometry *geometry);
 };
 
-extern const struct vulkan_input_kind vulkan_input_triangles, vulkan_input_aabbs, vulkan_input_instances;
+extern const struct vulkan_input_kind vulkan_input_triangles, vulkan_input_aabbs, vulkan_input_instances,
+    vulkan_input_spheres, vulkan_input_swept_spheres;
 
 const struct vulkan_input_kind *vulkan_input_kind_at(enum kind_number number);
 

@@ -35,10 +35,9 @@ static uint64_t index_bytes(const VkAccelerationStructureGeometryTrianglesDataKH
     return vulkan_input_extent(range->primitive_offset, size, range->primitive_count, size);
 }
 
-static enum bvhd_status convert(const struct input_entry *entry, const VkAccelerationStructureGeometryKHR *source,
-                                struct geometry *geometry)
+static enum bvhd_status convert(const struct input_entry *entry, const void *data, struct geometry *geometry)
 {
-    const VkAccelerationStructureGeometryTrianglesDataKHR *triangles = &source->geometry.triangles;
+    const VkAccelerationStructureGeometryTrianglesDataKHR *triangles = data;
     const struct geometry_range *range = &geometry->range;
     (void)entry;
     bool indexed = triangles->indexType != VK_INDEX_TYPE_NONE_KHR;

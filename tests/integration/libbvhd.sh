@@ -98,6 +98,7 @@ cat >plain.c <<'END'
 #include <bvhd/bvhd_structure.h>
 #include <bvhd/bvhd_trace.h>
 #include <bvhd/bvhd_vulkan.h>
+#include <bvhd/vulkan_nv.h>
 int use(struct bvhd_client *client);
 int use(struct bvhd_client *client)
 {
