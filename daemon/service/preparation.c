@@ -34,11 +34,18 @@ static uint64_t least(uint64_t a, uint64_t b)
     return a < b ? a : b;
 }
 
+/* Returns the most bytes that a canonical copy of the geometry needs for vertices. */
+static uint64_t geometry_vertex_bytes(const struct geometry *geometry)
+{
+    const struct kind *kind = kind_find(geometry->type);
+    return product(kind->vertices(geometry), kind->vertex_bytes);
+}
+
 static uint64_t geometry_bound(const struct geometry *geometry)
 {
     const struct kind *kind = kind_find(geometry->type);
     uint64_t count = geometry->range.primitive_count;
-    uint64_t arrays = sum(product(count, kind->primitive_bytes), product(kind->vertices(geometry), kind->vertex_bytes));
+    uint64_t arrays = sum(product(count, kind->primitive_bytes), geometry_vertex_bytes(geometry));
     return kind->is_top ? sum(arrays, product(count, INSTANCE_BYTES)) : arrays;
 }
 
@@ -66,9 +73,10 @@ uint64_t preparation_bound(const struct build_input *input)
 }
 
 /*
- * Positions, 32-bit indices and instance records are copied unchanged. A triangle without indices, of 36 bytes, gets 12
- * bytes of them; instances of 64 bytes take INSTANCE_BYTES more; small copies lie in memory twice. The promise always
- * covers the rows: a payload without room for the declared rows is refused before they are read.
+ * Positions, radii, 32-bit indices and instance records are copied unchanged. Without indices, a triangle of 36 bytes
+ * gets 12 bytes of them, and a linear swept sphere of 32 bytes gets 4; instances of 64 bytes take INSTANCE_BYTES more;
+ * small copies lie in memory twice. The promise always covers the rows: a payload without room for the declared rows is
+ * refused before they are read.
  */
 uint64_t preparation_guess(const struct control_item *item)
 {
@@ -90,16 +98,16 @@ uint64_t preparation_guess_build(const struct control_item *item)
     return product(item->payload_size, item->type == STRUCTURE_TOP ? INSTANCE_RATIO : GEOMETRY_RATIO);
 }
 
-uint64_t preparation_build_bytes(uint64_t primitives, uint64_t vertices, bool high)
+uint64_t preparation_build_bytes(uint64_t primitives, uint64_t vertex_bytes, bool high)
 {
     /*
-     * Peak bytes per primitive, without its vertices, for as many threads as there are pieces, so that all pieces are
-     * built at once. A ref and its scratch take 64 bytes. The trees take up to 177 beside them: clusters
-     * (cluster_tree.h) do so when ploc.h gives up at once and binned.h takes over. Quality high has 1.4 refs per
-     * primitive, each of which takes 180 more during reinsertion. Top levels are never split.
+     * Peak bytes per primitive, for as many threads as there are pieces, so that all pieces are built at once. Vertices
+     * come in addition: the result has all of them. A ref and its scratch take 64 bytes. The trees take up to 177
+     * beside them: clusters (cluster_tree.h) do so when ploc.h gives up at once and binned.h takes over. Quality high
+     * has 1.4 refs per primitive, each of which takes 180 more during reinsertion. Top levels are never split.
      */
-    enum { CLUSTERS = 248, HIGH = 344, VERTEX = 12, FIXED = 16 * 1024 };
-    return sum(sum(product(primitives, high ? HIGH : CLUSTERS), product(vertices, VERTEX)), FIXED);
+    enum { CLUSTERS = 248, HIGH = 344, FIXED = 16 * 1024 };
+    return sum(sum(product(primitives, high ? HIGH : CLUSTERS), vertex_bytes), FIXED);
 }
 
 /* A refit has a box for each node of its source, which takes more bytes itself. */
@@ -108,25 +116,34 @@ static uint64_t update_bytes(const struct update_source *source)
     return sum(source->blob ? source->blob->size : 0, FIXED_BYTES);
 }
 
+/* Returns the bytes of all vertices of a canonical copy, whose geometries are of one kind. */
+static uint64_t vertex_bytes_of(const struct canonical *canonical)
+{
+    if (canonical->vertex_count == 0)
+        return 0;
+    return (uint64_t)canonical->vertex_count * kind_find(canonical->geometries[0].type)->vertex_bytes;
+}
+
 uint64_t preparation_make_bytes(const struct preparation *preparation)
 {
     const struct build_entry *entry = &preparation->entry;
-    return entry->is_update ? update_bytes(&preparation->updated)
-                            : preparation_build_bytes(entry->canonical.primitive_count, entry->canonical.vertex_count,
-                                                      entry->options.quality == QUALITY_HIGH);
+    return entry->is_update
+               ? update_bytes(&preparation->updated)
+               : preparation_build_bytes(entry->canonical.primitive_count, vertex_bytes_of(&entry->canonical),
+                                         entry->options.quality == QUALITY_HIGH);
 }
 
 /* Bounds what the build of an input takes, whatever its quality turns out to be. */
 static uint64_t build_bound(const struct build_input *input)
 {
     enum build_quality quality = input->options.quality;
-    uint64_t primitives = 0, vertices = 0;
+    uint64_t primitives = 0, vertex_bytes = 0;
     for (uint32_t i = 0; i < input->geometry_count; i++) {
         const struct geometry *geometry = &input->geometries[i];
         primitives = sum(primitives, geometry->range.primitive_count);
-        vertices = sum(vertices, kind_find(geometry->type)->vertices(geometry));
+        vertex_bytes = sum(vertex_bytes, geometry_vertex_bytes(geometry));
     }
-    return preparation_build_bytes(primitives, vertices, quality != QUALITY_FAST && quality != QUALITY_BALANCED);
+    return preparation_build_bytes(primitives, vertex_bytes, quality != QUALITY_FAST && quality != QUALITY_BALANCED);
 }
 
 struct preparation *preparation_create(const struct control_item *item, uint32_t index,

@@ -58,8 +58,8 @@ struct preparation {
 uint64_t preparation_guess(const struct control_item *item);
 uint64_t preparation_guess_build(const struct control_item *item);
 
-/* Estimates the most bytes that a build takes at a time, without its canonical copy. */
-uint64_t preparation_build_bytes(uint64_t primitives, uint64_t vertices, bool high);
+/* Estimates the most bytes that a build takes at a time, without its canonical copy, in which vertices have so many. */
+uint64_t preparation_build_bytes(uint64_t primitives, uint64_t vertex_bytes, bool high);
 
 /*
  * Estimates the most bytes that the build or the update takes at a time, beside what the preparation holds. Nothing is
