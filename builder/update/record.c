@@ -73,8 +73,8 @@ struct sums {
 };
 
 /*
- * Adds the checksums of a chunk of primitives to those of their geometries. The sum of a geometry does not depend on the
- * order of its parts, and each part's checksum begins with its place.
+ * Adds the checksums of a chunk of primitives to those of their geometries. The sum of a geometry does not depend on
+ * the order of its parts, and each part's checksum begins with its place.
  */
 static void sum_chunk(void *context, size_t index)
 {

@@ -4,6 +4,8 @@
 #include <stdio.h>
 #include <stdlib.h>
 
+#include "builder/format/swept_shape.h"
+
 static void *need(size_t count, size_t size)
 {
     void *block = calloc(count ? count : 1, size);
@@ -53,6 +55,44 @@ static void make_triangles(const struct test_shape *shape, struct random *random
         geometry->first_vertex = g * vertices;
         geometry->positions = positions + (size_t)3 * vertices * g;
         geometry->indices = shape->soup ? NULL : indices + (size_t)3 * shape->primitives * g;
+    }
+    model->canonical.vertex_count = shape->geometries * vertices;
+    model->data[0] = positions;
+    model->data[1] = indices;
+}
+
+/* Makes vertices with radii in clusters of eight. */
+static void make_round_vertices(const struct test_shape *shape, struct random *random, uint32_t count,
+                                float (*ret_vertices)[4])
+{
+    double centre[3] = {0};
+    for (uint32_t i = 0; i < count; i++) {
+        if (i % 8 == 0)
+            place_centre(shape, random, centre);
+        place_point(shape, random, centre, ret_vertices[i]);
+        ret_vertices[i][3] = (float)(random_between(random, 0, 1) * shape->size * shape->detail);
+    }
+}
+
+/* Linear swept spheres are in chains within the clusters, and have any caps. */
+static void make_round(const struct test_shape *shape, struct random *random, struct test_model *model)
+{
+    const bool is_swept = shape->type == GEOMETRY_SWEPT_SPHERES, is_soup = shape->soup && !is_swept;
+    const uint32_t clusters = shape->primitives / 24 + 1, vertices = is_soup ? shape->primitives : 8 * clusters;
+    float(*positions)[4] = need((size_t)shape->geometries * vertices, sizeof *positions);
+    uint32_t *indices = need((size_t)shape->geometries * shape->primitives, sizeof *indices);
+    make_round_vertices(shape, random, shape->geometries * vertices, positions);
+    for (uint32_t i = 0; i < shape->geometries * shape->primitives; i++) {
+        indices[i] = (uint32_t)(8 * (random_next(random) % clusters) + random_next(random) % (is_swept ? 7 : 8));
+        if (is_swept)
+            indices[i] |= (uint32_t)random_next(random) & (CANONICAL_CAP_FIRST | CANONICAL_CAP_SECOND);
+    }
+    for (uint32_t g = 0; g < shape->geometries; g++) {
+        struct canonical_geometry *geometry = &model->canonical.geometries[g];
+        geometry->vertex_count = vertices;
+        geometry->first_vertex = g * vertices;
+        geometry->positions = positions[(size_t)vertices * g];
+        geometry->indices = is_soup ? NULL : indices + (size_t)shape->primitives * g;
     }
     model->canonical.vertex_count = shape->geometries * vertices;
     model->data[0] = positions;
@@ -114,6 +154,13 @@ static struct box box_of(const struct canonical_geometry *geometry, uint32_t ind
         canonical_triangle(geometry, index, corners);
         for (int k = 0; k < 3; k++)
             box_add_point(&box, corners[k]);
+    } else if (geometry->type == GEOMETRY_SPHERES) {
+        box = swept_shape_sphere(geometry->positions +
+                                 (size_t)4 * (geometry->indices ? geometry->indices[index] : index));
+    } else if (geometry->type == GEOMETRY_SWEPT_SPHERES) {
+        const uint32_t word = geometry->indices[index];
+        const float *first = geometry->positions + (size_t)4 * (word & CANONICAL_END_MASK);
+        box = swept_shape_box(first, first + 4, word >> 30);
     } else if (geometry->type == GEOMETRY_AABBS) {
         memcpy(&box, geometry->boxes + 6 * (size_t)index, sizeof box);
     } else {
@@ -148,6 +195,8 @@ void test_model_make(const struct test_shape *shape, uint64_t seed, struct test_
     }
     if (shape->type == GEOMETRY_TRIANGLES)
         make_triangles(shape, &random, &model);
+    else if (shape->type == GEOMETRY_SPHERES || shape->type == GEOMETRY_SWEPT_SPHERES)
+        make_round(shape, &random, &model);
     else if (shape->type == GEOMETRY_AABBS)
         make_aabbs(shape, &random, &model);
     else

@@ -27,12 +27,13 @@ struct test_shape {
     double size; /* of the whole model */
     double detail; /* size of a primitive, as a share of the whole */
     uint32_t inactive; /* every n-th primitive is not in the tree; 0: none */
-    bool soup; /* triangles: without indices */
+    bool soup; /* triangles and spheres: without indices */
 };
 
 /*
  * Makes a model. Every other geometry is opaque. The triangles of a geometry share vertices, a third as many as there
- * are triangles and some more, not all of which are used.
+ * are triangles and some more, not all of which are used. So do spheres, and linear swept spheres, which are in chains
+ * of up to seven, with any caps.
  */
 void test_model_make(const struct test_shape *shape, uint64_t seed, struct test_model *ret_model);
 void test_model_finish(struct test_model *model);

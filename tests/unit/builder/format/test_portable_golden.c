@@ -1,14 +1,15 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * test_portable_golden.c - tests that the bytes of version 1 of the portable layout stay the same.
+ * test_portable_golden.c - tests that the bytes of versions 1 and 2 of the portable layout stay the same.
  *
- * Fixed small trees must give the golden bytes in tests/golden/portable-v1-*.hex, which only change with the version.
+ * Fixed small trees must give the golden bytes in tests/golden/portable-v*.hex, which only change with the version.
  * With BVHD_WRITE_GOLDEN=1 in the environment the files are written instead of compared.
  */
 #include "tests/support/unit.h"
 
 #include "builder/format/layout.h"
 #include "builder/format/portable.h"
+#include "builder/format/swept_shape.h"
 
 enum { VERTICES = 11, TRIANGLES = 9, NODES = 7 };
 
@@ -18,6 +19,13 @@ static const float positions[VERTICES][3] = {{0, 0, 0},        {1, 0, 0.125f},  
                                              {2, 1.2f, 1e-3f}, {3, 1.3f, -0.0f}, {4, 1.4f, 1000.5f}};
 static const uint32_t indices[TRIANGLES][3] = {{0, 1, 6}, {1, 7, 6}, {1, 2, 7},  {2, 8, 7}, {2, 3, 8}, /* geometry 1: */
                                                {3, 9, 8}, {3, 5, 9}, {5, 10, 9}, {10, 9, 6}};
+static const float radii[VERTICES] = {0.5f, 0.375f, 0.25f, 0.125f, 9, 1, 0.0625f, 2, 0.75f, 0, 0.5f};
+static const uint32_t sphere_indices[5] = {0, 1, 2, 10, 5};
+#define C1 CANONICAL_CAP_FIRST
+#define C2 CANONICAL_CAP_SECOND
+/* A chain with caps, then a cap at one end, and none. Geometry 1: a cap at the other end, and a chain with caps. */
+static const uint32_t swept_indices[TRIANGLES] = {0 | C1 | C2, 1 | C2,      2 | C2, 6 | C1, 7,
+                                                  9 | C2,      5 | C1 | C2, 6 | C2, 7 | C2};
 static const uint32_t refs[TRIANGLES] = {2, 0, 1, 8, 4, 3, 5, 6, 7};
 
 struct fixture {
@@ -26,6 +34,7 @@ struct fixture {
     struct canonical_reference references[2];
     float aabbs[TRIANGLES][6];
     unsigned char instances[TRIANGLES][64];
+    float round[VERTICES][4];
     struct box boxes[NODES], primitives[TRIANGLES];
     uint32_t refs[TRIANGLES];
     struct ir ir;
@@ -52,6 +61,29 @@ static void fill_geometries(struct fixture *f, uint32_t type)
         };
     }
     f->canonical.vertex_count = type == GEOMETRY_TRIANGLES ? 2 * VERTICES : 0;
+}
+
+/* The spheres of geometry 1 have no indices: they are the first vertices. */
+static void fill_round(struct fixture *f, bool is_swept)
+{
+    for (uint32_t i = 0; i < VERTICES; i++) {
+        memcpy(f->round[i], positions[i], sizeof positions[i]);
+        f->round[i][3] = radii[i];
+    }
+    for (uint32_t i = 0; i < TRIANGLES; i++) {
+        const uint32_t vertex = is_swept ? swept_indices[i] & CANONICAL_END_MASK : i < 5 ? sphere_indices[i] : i - 5;
+        f->primitives[i] = swept_shape_sphere(f->round[vertex]);
+        const struct box other = swept_shape_sphere(f->round[vertex + is_swept]);
+        box_grow(&f->primitives[i], &other);
+    }
+    for (uint32_t g = 0; g < 2; g++) {
+        f->geometries[g].vertex_count = VERTICES;
+        f->geometries[g].first_vertex = g * VERTICES;
+        f->geometries[g].positions = f->round[0];
+        f->geometries[g].indices = is_swept ? swept_indices + 5 * g : g ? NULL : sphere_indices;
+    }
+    f->geometries[1].vertex_count = is_swept ? VERTICES : 4;
+    f->canonical.vertex_count = VERTICES + f->geometries[1].vertex_count;
 }
 
 static void fill_instances(struct fixture *f)
@@ -110,6 +142,8 @@ static void fill(struct fixture *f, uint32_t type)
         fill_instances(f);
     else
         fill_geometries(f, type);
+    if (type == GEOMETRY_SPHERES || type == GEOMETRY_SWEPT_SPHERES)
+        fill_round(f, type == GEOMETRY_SWEPT_SPHERES);
     fill_tree(f);
 }
 
@@ -117,7 +151,7 @@ static FILE *open_golden(const char *name, const char *mode)
 {
     const char *directory = getenv("BVHD_GOLDEN");
     char path[1024];
-    snprintf(path, sizeof path, "%s/portable-v1-%s.hex", directory ? directory : "tests/golden", name);
+    snprintf(path, sizeof path, "%s/portable-%s.hex", directory ? directory : "tests/golden", name);
     FILE *file = fopen(path, mode);
     if (!file)
         fail_msg("cannot open %s", path);
@@ -174,7 +208,7 @@ static void indexed_triangles(void **state)
     struct fixture f;
     (void)state;
     fill(&f, GEOMETRY_TRIANGLES);
-    check("indexed", &f, 0);
+    check("v1-indexed", &f, 0);
 }
 
 static void fast_triangles(void **state)
@@ -182,7 +216,7 @@ static void fast_triangles(void **state)
     struct fixture f;
     (void)state;
     fill(&f, GEOMETRY_TRIANGLES);
-    check("triangles", &f, PORTABLE_FAST_TRIANGLES);
+    check("v1-triangles", &f, PORTABLE_FAST_TRIANGLES);
 }
 
 static void aabbs(void **state)
@@ -190,7 +224,7 @@ static void aabbs(void **state)
     struct fixture f;
     (void)state;
     fill(&f, GEOMETRY_AABBS);
-    check("aabbs", &f, 0);
+    check("v1-aabbs", &f, 0);
 }
 
 static void instances(void **state)
@@ -198,7 +232,23 @@ static void instances(void **state)
     struct fixture f;
     (void)state;
     fill(&f, GEOMETRY_INSTANCES);
-    check("instances", &f, 0);
+    check("v1-instances", &f, 0);
+}
+
+static void spheres(void **state)
+{
+    struct fixture f;
+    (void)state;
+    fill(&f, GEOMETRY_SPHERES);
+    check("v2-spheres", &f, 0);
+}
+
+static void swept_spheres(void **state)
+{
+    struct fixture f;
+    (void)state;
+    fill(&f, GEOMETRY_SWEPT_SPHERES);
+    check("v2-swept-spheres", &f, 0);
 }
 
 static void empty(void **state)
@@ -208,14 +258,15 @@ static void empty(void **state)
     fill(&f, GEOMETRY_TRIANGLES);
     f.wide = (struct wide){0};
     f.ir.node_count = f.ir.ref_count = 0;
-    check("empty", &f, 0);
+    check("v1-empty", &f, 0);
 }
 
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(indexed_triangles), cmocka_unit_test(fast_triangles), cmocka_unit_test(aabbs),
-        cmocka_unit_test(instances),         cmocka_unit_test(empty),
+        cmocka_unit_test(instances),         cmocka_unit_test(empty),          cmocka_unit_test(spheres),
+        cmocka_unit_test(swept_spheres),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
