@@ -14,7 +14,7 @@ import unittest
 import bvhd
 from bvhd import _library, _structs
 
-HEADERS = ["bvhd/bvhd.h", "bvhd/bvhd_cpu.h", "bvhd/bvhd_scene.h"]
+HEADERS = ["bvhd/bvhd.h", "bvhd/bvhd_cpu.h", "bvhd/bvhd_scene.h", "bvhd/vulkan_nv.h"]
 
 # The C names of the package's structs, and the prefixes of its enumerators.
 STRUCTS = {
@@ -34,6 +34,8 @@ STRUCTS = {
     _structs.TrianglesData: "VkAccelerationStructureGeometryTrianglesDataKHR",
     _structs.AabbsData: "VkAccelerationStructureGeometryAabbsDataKHR",
     _structs.InstancesData: "VkAccelerationStructureGeometryInstancesDataKHR",
+    _structs.SpheresData: "VkAccelerationStructureGeometrySpheresDataNV",
+    _structs.SweptSpheresData: "VkAccelerationStructureGeometryLinearSweptSpheresDataNV",
     _structs.GeometryData: "VkAccelerationStructureGeometryDataKHR",
     _structs.Geometry: "VkAccelerationStructureGeometryKHR",
     _structs.BuildInfo: "VkAccelerationStructureBuildGeometryInfoKHR",
@@ -51,6 +53,8 @@ ENUMS = {
     bvhd.BuildFlags: "VK_BUILD_ACCELERATION_STRUCTURE_{}_BIT_KHR",
     bvhd.GeometryFlags: "VK_GEOMETRY_{}_BIT_KHR",
     bvhd.InstanceFlags: "VK_GEOMETRY_INSTANCE_{}_BIT_KHR",
+    bvhd.IndexingMode: "VK_RAY_TRACING_LSS_INDEXING_MODE_{}_NV",
+    bvhd.EndCaps: "VK_RAY_TRACING_LSS_PRIMITIVE_END_CAPS_MODE_{}_NV",
     bvhd.RayFlags: "BVHD_CPU_RAY_{}",
     bvhd.HitFlags: "BVHD_CPU_HIT_{}",
     bvhd.VertexFormat: "VK_FORMAT_{}",

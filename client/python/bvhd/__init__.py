@@ -14,8 +14,10 @@ from ._enums import (
     Builder,
     BuildFlags,
     CacheAction,
+    EndCaps,
     GeometryFlags,
     HitFlags,
+    IndexingMode,
     InstanceFlags,
     LayoutFlags,
     Local,
@@ -31,7 +33,7 @@ from ._errors import Error
 from ._library import lib as _lib
 from .client import Batch, Client, Format, Result
 from .container import Container
-from .geometry import Aabbs, BottomLevel, Reference, TopLevel, Triangles
+from .geometry import Aabbs, BottomLevel, Reference, Spheres, SweptSpheres, TopLevel, Triangles
 
 #: The version of the library.
 __version__: str = _lib.bvhd_version().decode()
@@ -45,10 +47,12 @@ __all__ = [
     "CacheAction",
     "Client",
     "Container",
+    "EndCaps",
     "Error",
     "Format",
     "GeometryFlags",
     "HitFlags",
+    "IndexingMode",
     "InstanceFlags",
     "LayoutFlags",
     "Local",
@@ -58,7 +62,9 @@ __all__ = [
     "RayFlags",
     "Reference",
     "Result",
+    "Spheres",
     "Status",
+    "SweptSpheres",
     "Target",
     "TopLevel",
     "Triangles",

@@ -125,6 +125,20 @@ class InstanceFlags(enum.IntFlag):
     FORCE_NO_OPAQUE = 0x8
 
 
+class IndexingMode(enum.IntEnum):
+    """Which vertices are the ends of a swept sphere: VkRayTracingLssIndexingModeNV."""
+
+    LIST = 0
+    SUCCESSIVE = 1
+
+
+class EndCaps(enum.IntEnum):
+    """Which ends of swept spheres are closed: VkRayTracingLssPrimitiveEndCapsModeNV."""
+
+    NONE = 0
+    CHAINED = 1
+
+
 class RayFlags(enum.IntFlag):
     """SPIR-V's flags of a ray."""
 

@@ -138,6 +138,33 @@ class InstancesData(c.Structure):
     ]
 
 
+class SpheresData(c.Structure):
+    """VkAccelerationStructureGeometrySpheresDataNV"""
+
+    _fields_ = [
+        ("sType", c.c_int),
+        ("pNext", c.c_void_p),
+        ("vertexFormat", c.c_int),
+        ("vertexData", c.c_void_p),
+        ("vertexStride", c.c_uint64),
+        ("radiusFormat", c.c_int),
+        ("radiusData", c.c_void_p),
+        ("radiusStride", c.c_uint64),
+        ("indexType", c.c_int),
+        ("indexData", c.c_void_p),
+        ("indexStride", c.c_uint64),
+    ]
+
+
+class SweptSpheresData(SpheresData):
+    """VkAccelerationStructureGeometryLinearSweptSpheresDataNV, which begins as the other does"""
+
+    _fields_ = [
+        ("indexingMode", c.c_int),
+        ("endCapsMode", c.c_int),
+    ]
+
+
 class GeometryData(c.Union):
     """VkAccelerationStructureGeometryDataKHR"""
 

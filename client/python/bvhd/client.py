@@ -29,14 +29,12 @@ from ._library import CALLBACK, lib
 from .geometry import (
     _STYPE_BUILD,
     _STYPE_GEOMETRY,
-    Aabbs,
-    Array,
+    GEOMETRIES,
     BottomLevel,
     Geometry,
     Reference,
     Structure,
     TopLevel,
-    Triangles,
     as_structure,
 )
 
@@ -122,7 +120,7 @@ class _Request:
 
     def __init__(self, structures: Sequence[Structure]) -> None:
         count = len(structures)
-        self.arrays: list[Array] = []  # the geometry's memory
+        self.arrays: list[Any] = []  # the geometry's memory
         self.infos = (s.BuildInfo * count)()
         self.ranges = (c.POINTER(s.Range) * count)()
         self.references = self._references(structures)
@@ -189,7 +187,7 @@ def _reference_of(value: Any) -> Reference:
 class Batch:
     """Structures that were requested together. Leaving it as a context cancels what is not done."""
 
-    def __init__(self, client: Client, pointer: c.c_void_p, arrays: list[Array]) -> None:
+    def __init__(self, client: Client, pointer: c.c_void_p, arrays: list[Any]) -> None:
         self._callbacks: list[Any] = []
         callbacks = self._callbacks
 
@@ -481,7 +479,7 @@ class Client:
             check(lib.bvhd_batch_fetch(client, len(keys), structs, pointer, error), error)
             return self._batch(pointer, [])
 
-    def _batch(self, pointer: c.c_void_p, arrays: list[Array]) -> Batch:
+    def _batch(self, pointer: c.c_void_p, arrays: list[Any]) -> Batch:
         batch = Batch(self, pointer, arrays)
         self._batches.add(batch)
         return batch
@@ -501,7 +499,7 @@ class Client:
 
         Returns the result, or the list of results; raises the first error.
         """
-        one = isinstance(structures, (Triangles, Aabbs, BottomLevel, TopLevel))
+        one = isinstance(structures, (*GEOMETRIES, BottomLevel, TopLevel))
         with self.submit([structures] if one else structures, **options) as batch:
             results = batch.results()
         return results[0] if one else results

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What structures are built from: triangles, boxes and instances, in numpy arrays.
+"""What structures are built from: triangles, boxes, spheres and instances, in numpy arrays.
 
 Arrays are not copied if the library can read them as they are: rows may be any number of bytes
 apart, so a column of an interleaved vertex buffer will do. An array must not be changed until the
@@ -7,6 +7,7 @@ batch that uses it is copied (`Batch.is_copied`).
 """
 from __future__ import annotations
 
+import ctypes as c
 import itertools
 from dataclasses import dataclass, field
 from typing import Any, Optional, Sequence, Union
@@ -15,7 +16,14 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _structs as s
-from ._enums import BuildFlags, GeometryFlags, InstanceFlags, VertexFormat
+from ._enums import (
+    BuildFlags,
+    EndCaps,
+    GeometryFlags,
+    IndexingMode,
+    InstanceFlags,
+    VertexFormat,
+)
 
 Array = npt.NDArray[Any]
 
@@ -24,6 +32,10 @@ _STYPE_AABBS = 1000150003
 _STYPE_INSTANCES = 1000150004
 _STYPE_TRIANGLES = 1000150005
 _STYPE_GEOMETRY = 1000150006
+_STYPE_SWEPT_SPHERES = 1000429009
+_STYPE_SPHERES = 1000429010
+_TYPE_SPHERES = 1000429004
+_TYPE_SWEPT_SPHERES = 1000429005
 _INDEX_NONE = 1000165000
 _INDEX_TYPES = {np.dtype("u2"): 0, np.dtype("u4"): 1}
 
@@ -38,6 +50,8 @@ _FORMATS = {
     ("f8", 3): VertexFormat.R64G64B64_SFLOAT,
     ("f8", 4): VertexFormat.R64G64B64A64_SFLOAT,
 }
+
+_RADIUS_FORMATS = {np.dtype("f2"): 76, np.dtype("f4"): 100}
 
 # The handles of this process, by which instances name structures.
 _handles = itertools.count(1)
@@ -71,19 +85,36 @@ def _vertex_format(vertices: Array) -> VertexFormat:
     return _FORMATS[kind, columns]
 
 
-def _indices(indices: npt.ArrayLike) -> Array:
+def _vertices(
+    vertices: npt.ArrayLike, wanted: Optional[VertexFormat]
+) -> tuple[Array, VertexFormat]:
+    """Returns the vertices as the library can read them, and their format."""
+    array = np.asarray(vertices)
+    vertex_format = _vertex_format(array) if wanted is None else VertexFormat(wanted)
+    array = _rows(array, min(array.itemsize, 8) if array.dtype.kind in "iuf" else 1)
+    row = array.itemsize * int(np.prod(array.shape[1:], dtype=np.int64))
+    if row < vertex_format.size:
+        raise ValueError(
+            f"vertices: a row has {row} bytes, {vertex_format.name} {vertex_format.size}"
+        )
+    return array, vertex_format
+
+
+def _indices(indices: npt.ArrayLike, columns: int) -> Array:
+    """Returns the indices one after the other: of each primitive, that many."""
     array = np.asarray(indices)
     if array.size == 0:
         return np.zeros(0, np.uint32)
     if (
         array.dtype.kind not in "iu"
-        or array.size % 3 != 0
+        or array.size % columns != 0
         or array.ndim not in (1, 2)
-        or (array.ndim == 2 and array.shape[1] != 3)
+        or (array.ndim == 2 and (columns == 1 or array.shape[1] != columns))
     ):
+        shapes = f"neither (m, {columns}) nor ({columns} * m,)" if columns > 1 else "not (m,)"
         raise ValueError(
-            f"indices: an array of shape {array.shape} and type {array.dtype} is neither (m, 3)"
-            " nor (3 * m,) of integers"
+            f"indices: an array of shape {array.shape} and type {array.dtype} is {shapes} of"
+            " integers"
         )
     flat = np.ascontiguousarray(array).reshape(-1)
     if flat.dtype in _INDEX_TYPES:
@@ -117,26 +148,16 @@ class Triangles:
     flags: GeometryFlags = GeometryFlags.NONE
     vertex_format: Optional[VertexFormat] = None
 
-    def _fill(self, geometry: s.Geometry, extent: s.Range) -> list[Array]:
-        """Fills Vulkan's structs, and returns the arrays that they point to."""
-        vertices = np.asarray(self.vertices)
-        if self.vertex_format is None:
-            vertex_format = _vertex_format(vertices)
-        else:
-            vertex_format = VertexFormat(self.vertex_format)
-        vertices = _rows(vertices, min(vertices.itemsize, 8) if vertices.dtype.kind in "iuf" else 1)
-        row = vertices.itemsize * int(np.prod(vertices.shape[1:], dtype=np.int64))
-        if row < vertex_format.size:
-            raise ValueError(
-                f"vertices: a row has {row} bytes, {vertex_format.name} {vertex_format.size}"
-            )
+    def _fill(self, geometry: s.Geometry, extent: s.Range) -> list[Any]:
+        """Fills Vulkan's structs, and returns what they point to."""
+        vertices, vertex_format = _vertices(self.vertices, self.vertex_format)
         # The library may read the vertex maxVertex, which cannot be less than 0.
         if len(vertices) == 0:
             vertices = np.zeros((1,) + vertices.shape[1:], vertices.dtype)
             count = 0
         else:
             count = len(vertices)
-        kept = [vertices]
+        kept: list[Any] = [vertices]
         geometry.geometryType = 0
         triangles = geometry.geometry.triangles
         triangles.sType = _STYPE_TRIANGLES
@@ -147,7 +168,7 @@ class Triangles:
         triangles.indexType = _INDEX_NONE
         extent.primitiveCount = count // 3
         if self.indices is not None:
-            indices = _indices(self.indices)
+            indices = _indices(self.indices, 3)
             if count == 0 and len(indices) > 0:
                 raise ValueError("indices: there are no vertices")
             triangles.indexType = _INDEX_TYPES[indices.dtype]
@@ -170,7 +191,7 @@ class Aabbs:
     boxes: npt.ArrayLike
     flags: GeometryFlags = GeometryFlags.NONE
 
-    def _fill(self, geometry: s.Geometry, extent: s.Range) -> list[Array]:
+    def _fill(self, geometry: s.Geometry, extent: s.Range) -> list[Any]:
         boxes = np.asarray(self.boxes, np.float32)
         if boxes.ndim != 2 or boxes.shape[1] != 6:
             raise ValueError(f"boxes: an array of shape {boxes.shape} is not (n, 6)")
@@ -184,12 +205,122 @@ class Aabbs:
         return [boxes]
 
 
-Geometry = Union[Triangles, Aabbs]
+def _radii(radii: npt.ArrayLike, count: int) -> tuple[Array, int]:
+    """Returns the radii, and the bytes from one to the next: 0 where one is for all vertices."""
+    array = np.asarray(radii)
+    if array.dtype not in _RADIUS_FORMATS:
+        if array.dtype.kind not in "iuf":
+            raise ValueError(f"radii: an array of type {array.dtype} is not of numbers")
+        array = array.astype(np.float32)
+    if array.ndim == 0:
+        return array.reshape(1).copy(), 0
+    if array.shape != (count,):
+        raise ValueError(
+            f"radii: an array of shape {array.shape} is neither one number nor ({count},), one for"
+            " each vertex"
+        )
+    array = _rows(array, array.itemsize)
+    return array, _stride(array)
+
+
+def _fill_ends(
+    data: s.SpheresData, shape: Union[Spheres, SweptSpheres], columns: int, following: int
+) -> tuple[int, list[Any]]:
+    """Fills what the structs of spheres and of swept spheres begin with.
+
+    columns: the indices of a primitive. following: the vertices that are used after one that an
+        index names. Returns the number of vertices or indices, and what the struct points to.
+    """
+    vertices, data.vertexFormat = _vertices(shape.vertices, shape.vertex_format)
+    radii, data.radiusStride = _radii(shape.radii, len(vertices))
+    data.vertexData = vertices.ctypes.data
+    data.vertexStride = _stride(vertices)
+    data.radiusFormat = _RADIUS_FORMATS[radii.dtype]
+    data.radiusData = radii.ctypes.data
+    data.indexType = _INDEX_NONE
+    if shape.indices is None:
+        return len(vertices), [data, vertices, radii]
+    indices = _indices(shape.indices, columns)
+    # The library reads vertices up to the greatest index: it is told no number of vertices.
+    last = int(indices.max()) + following if len(indices) > 0 else -1
+    if last >= len(vertices):
+        raise ValueError(f"indices: vertex {last} is used, but there are {len(vertices)} vertices")
+    data.indexType = _INDEX_TYPES[indices.dtype]
+    data.indexData = indices.ctypes.data
+    data.indexStride = indices.itemsize
+    return len(indices), [data, vertices, radii, indices]
+
+
+@dataclass(frozen=True, eq=False)
+class Spheres:
+    """A geometry of spheres. Rays hit them from outside only.
+
+    vertices: their centres, as the vertices of triangles.
+    radii: float32 or float16 of shape (n,), one for each vertex; or one number for all. A sphere of
+        radius 0 is never hit.
+    indices: integers of shape (m,): which vertices are spheres. Without them all are.
+    """
+
+    vertices: npt.ArrayLike
+    radii: npt.ArrayLike
+    indices: Optional[npt.ArrayLike] = None
+    flags: GeometryFlags = GeometryFlags.NONE
+    vertex_format: Optional[VertexFormat] = None
+
+    def _fill(self, geometry: s.Geometry, extent: s.Range) -> list[Any]:
+        data = s.SpheresData(sType=_STYPE_SPHERES)
+        extent.primitiveCount, kept = _fill_ends(data, self, 1, 0)
+        geometry.geometryType = _TYPE_SPHERES
+        geometry.pNext = c.addressof(data)
+        return kept
+
+
+@dataclass(frozen=True, eq=False)
+class SweptSpheres:
+    """A geometry of linear swept spheres: what a sphere sweeps on its way between two vertices.
+
+    vertices: the centres of their ends, as the vertices of triangles.
+    radii: float32 or float16 of shape (n,), one for each vertex; or one number for all.
+    indices: with IndexingMode.LIST integers of shape (m, 2) or (2 * m,), the two ends of each;
+        without them each two vertices are the ends of one. With IndexingMode.SUCCESSIVE integers of
+        shape (m,), the first end of each, whose second end is the vertex after it.
+    caps: EndCaps.NONE leaves both ends open, to rays too. EndCaps.CHAINED closes them; with
+        IndexingMode.SUCCESSIVE a swept sphere that begins where the one before it ends has no cap
+        there.
+    """
+
+    vertices: npt.ArrayLike
+    radii: npt.ArrayLike
+    indices: Optional[npt.ArrayLike] = None
+    mode: IndexingMode = IndexingMode.LIST
+    caps: EndCaps = EndCaps.CHAINED
+    flags: GeometryFlags = GeometryFlags.NONE
+    vertex_format: Optional[VertexFormat] = None
+
+    def _fill(self, geometry: s.Geometry, extent: s.Range) -> list[Any]:
+        mode = IndexingMode(self.mode)
+        if mode == IndexingMode.SUCCESSIVE and self.indices is None:
+            raise ValueError("indices: IndexingMode.SUCCESSIVE needs them")
+        data = s.SweptSpheresData(sType=_STYPE_SWEPT_SPHERES)
+        data.indexingMode = mode
+        data.endCapsMode = EndCaps(self.caps)
+        columns, following = (2, 0) if mode == IndexingMode.LIST else (1, 1)
+        count, kept = _fill_ends(data, self, columns, following)
+        if count % columns != 0:
+            raise ValueError(f"vertices: {count} of them, without indices, is no multiple of 2")
+        extent.primitiveCount = count // columns
+        geometry.geometryType = _TYPE_SWEPT_SPHERES
+        geometry.pNext = c.addressof(data)
+        return kept
+
+
+Geometry = Union[Triangles, Aabbs, Spheres, SweptSpheres]
+GEOMETRIES = (Triangles, Aabbs, Spheres, SweptSpheres)
 
 
 @dataclass(frozen=True, eq=False)
 class BottomLevel:
-    """A structure over geometries of one kind: triangles or boxes.
+    """A structure over geometries of one kind: triangles, boxes, spheres or swept spheres.
 
     source: the result that this one updates, or a reference to it: the same geometries, moved. It
         was built with BuildFlags.ALLOW_UPDATE, and so is this one.
@@ -284,7 +415,7 @@ class TopLevel:
             records["reference"] = handles[chosen]
         self.records = records
 
-    def _fill(self, geometry: s.Geometry, extent: s.Range) -> list[Array]:
+    def _fill(self, geometry: s.Geometry, extent: s.Range) -> list[Any]:
         geometry.geometryType = 2
         instances = geometry.geometry.instances
         instances.sType = _STYPE_INSTANCES
@@ -310,4 +441,4 @@ Structure = Union[BottomLevel, TopLevel]
 
 def as_structure(value: Union[Structure, Geometry]) -> Structure:
     """Makes a bottom level of a geometry that comes alone."""
-    return BottomLevel([value]) if isinstance(value, (Triangles, Aabbs)) else value
+    return BottomLevel([value]) if isinstance(value, GEOMETRIES) else value
