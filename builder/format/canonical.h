@@ -20,7 +20,8 @@
 #include "proto/base/geometry.h"
 #include "proto/base/status.h"
 
-enum { CANONICAL_VERSION = 2 };
+/* A block has the oldest version that can express it; blocks with spheres or linear swept spheres need the newer one. */
+enum { CANONICAL_VERSION = 2, CANONICAL_VERSION_ROUND = 3 };
 
 /* The index of a linear swept sphere: whether its ends have caps, and its first end. */
 #define CANONICAL_CAP_FIRST UINT32_C(0x40000000)

@@ -159,6 +159,7 @@ static void outline(const struct canonical_geometry *geometry, uint32_t first, u
 }
 
 const struct input_kind input_aabbs = {
+    .version = CANONICAL_VERSION,
     .check_memory = check_memory,
     .view = view,
     .fetch_primitives = fetch_boxes,

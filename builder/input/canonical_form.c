@@ -7,6 +7,11 @@
 #include "proto/base/kind.h"
 #include "proto/base/place.h"
 
+uint32_t form_version(const struct form_geometry *rows, uint32_t count)
+{
+    return count > 0 ? input_kind_of(rows[0].type)->version : CANONICAL_VERSION;
+}
+
 uint64_t form_bytes(const struct form_geometry *row, enum form_section section)
 {
     const struct kind *kind = kind_find(row->type);

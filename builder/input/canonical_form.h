@@ -20,7 +20,7 @@ static const char form_magic[4] = {'B', 'V', 'H', 'C'};
 
 struct form_header {
     char magic[4]; /* "BVHC" */
-    uint32_t version; /* CANONICAL_VERSION */
+    uint32_t version; /* CANONICAL_VERSION or CANONICAL_VERSION_ROUND */
     uint32_t type; /* STRUCTURE_TOP or STRUCTURE_BOTTOM */
     uint32_t flags; /* BUILD_ */
     uint32_t geometry_count;
@@ -48,12 +48,16 @@ struct form_geometry {
     uint32_t vertex_count; /* 0 unless the geometry has vertices */
     uint64_t data_offset; /* offset of positions, boxes or records; 0 when there are none */
     uint64_t index_offset; /* offset of indices; 0 when there are none */
-    uint32_t indexed; /* 1: triangle i has three indices; 0: it is made of vertices 3i .. 3i+2 */
+    uint32_t indexed; /* 1: there are indices; 0: triangle i is made of vertices 3i .. 3i+2, sphere i is vertex i */
     uint32_t update; /* FORM_UPDATE_ */
     uint32_t vertex_format; /* this field and those after it are 0 without FORM_UPDATE_RECORDED */
-    uint32_t max_vertex;
+    uint32_t max_vertex; /* triangles */
     uint32_t index_type;
-    uint32_t lowest_index; /* the lowest index in the request; the copy's indices count from it */
+    /*
+     * The lowest index in the request, from which the copy's indices count. Linear swept spheres whose pairs were
+     * gathered have a checksum of the request's indices here, because the copy does not show them.
+     */
+    uint32_t lowest_index;
     /* Spheres and linear swept spheres; this field and the next one are 0 in other geometries. */
     uint32_t radius_format;
     uint32_t swept_modes; /* linear swept spheres: FORM_SWEPT_ */
@@ -69,6 +73,9 @@ struct form_reference {
 
 _Static_assert(sizeof(struct form_header) == 64 && sizeof(struct form_geometry) == 64, "format");
 _Static_assert(sizeof(struct form_reference) == 144, "format");
+
+/* Returns the version of a block with these rows. */
+uint32_t form_version(const struct form_geometry *rows, uint32_t count);
 
 enum form_section { FORM_PRIMITIVES, FORM_POSITIONS };
 

@@ -8,6 +8,13 @@
 /* Primitives or vertices that are one task for a thread. */
 enum { CHUNK = 4096 };
 
+/* Returns how many words of scratch memory the reading of a geometry needs. */
+static uint64_t scratch_of(const struct geometry *geometry)
+{
+    const struct input_kind *kind = input_kind_of(geometry->type);
+    return kind->scratch ? kind->scratch(geometry) : 0;
+}
+
 /*
  * Fills the sources and prefix sums. With millions of rows this takes a while, because the system clears their memory
  * on first use, so it checks the flag. Returns false when cancelled.
@@ -21,7 +28,11 @@ static bool list_geometries(struct fetch *fetch, const atomic_bool *cancel)
             return false;
         atomic_init(&fetch->sources[i].lowest, UINT32_MAX);
         atomic_init(&fetch->sources[i].highest, 0);
+        fetch->sources[i].scratch = NULL;
+        atomic_init(&fetch->sources[i].gathers, false);
+        atomic_init(&fetch->sources[i].index_sum, 0);
         fetch->sources[i].transformed = false;
+        fetch->scratch_words += scratch_of(&geometries[i]);
         fetch->view.geometries[i] = (struct canonical_geometry){
             .primitive_count = geometries[i].range.primitive_count,
             .first_primitive = primitives,
@@ -30,6 +41,20 @@ static bool list_geometries(struct fetch *fetch, const atomic_bool *cancel)
     }
     fetch->view.primitive_count = primitives;
     return true;
+}
+
+/* Allocates the scratch memory of all geometries, and divides it. The sum cannot overflow: a geometry has few words. */
+static bool allocate_scratch(struct fetch *fetch, struct memory *memory)
+{
+    uint64_t at = 0;
+    if (fetch->scratch_words == 0)
+        return true;
+    fetch->scratch = memory_array(memory, fetch->scratch_words, sizeof *fetch->scratch);
+    for (uint32_t i = 0; fetch->scratch && i < fetch->view.geometry_count; i++) {
+        fetch->sources[i].scratch = fetch->scratch + at;
+        at += scratch_of(&fetch->input->geometries[i]);
+    }
+    return fetch->scratch != NULL;
 }
 
 enum bvhd_status fetch_init(struct fetch *fetch, const struct build_input *input, uint32_t index,
@@ -48,11 +73,12 @@ enum bvhd_status fetch_init(struct fetch *fetch, const struct build_input *input
     fetch->sources = memory_array(memory, count, sizeof *fetch->sources);
     fetch->view.geometries = memory_array(memory, count, sizeof *fetch->view.geometries);
     bool allocated = count == 0 || (fetch->sources && fetch->view.geometries);
-    if (allocated && list_geometries(fetch, context->cancel))
+    bool listed = allocated && list_geometries(fetch, context->cancel);
+    if (listed && allocate_scratch(fetch, memory))
         return BVHD_OK;
     memory_free(memory, fetch->view.geometries);
     fetch_finish(fetch, memory);
-    if (allocated)
+    if (allocated && !listed)
         return bvhd_error_set(error, BVHD_CANCELLED, place("infos[%u]", index).text, "cancelled");
     return bvhd_error_no_memory(error, place("infos[%u].pGeometries", index).text, "no memory for %u geometries",
                                 count);
@@ -61,8 +87,10 @@ enum bvhd_status fetch_init(struct fetch *fetch, const struct build_input *input
 void fetch_finish(struct fetch *fetch, struct memory *memory)
 {
     memory_free(memory, fetch->sources);
+    memory_free(memory, fetch->scratch);
     reference_lookup_finish(&fetch->lookup, memory);
     fetch->sources = NULL;
+    fetch->scratch = NULL;
 }
 
 static const struct input_kind *kind_of(const struct fetch *fetch, uint32_t geometry)

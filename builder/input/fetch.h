@@ -22,6 +22,8 @@ struct fetch {
     /* counts, and a table of geometries that holds prefix sums only: form_view() sets the pointers at the end */
     struct canonical view;
     struct fetch_source *sources; /* one for each geometry */
+    uint32_t *scratch; /* of all geometries; NULL: none needs any */
+    uint64_t scratch_words;
     bool must_rebase; /* some indices have to change, so that each geometry's count from 0 */
     struct reference_lookup lookup;
     atomic_bool suspect; /* some content breaks a rule; validate_canonical then finds out which */

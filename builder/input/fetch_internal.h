@@ -11,6 +11,14 @@ struct fetch_source {
     _Atomic uint32_t lowest, highest; /* indices in use, as in the request */
     bool transformed; /* by a matrix other than the identity */
     float matrix[12];
+    uint32_t *scratch; /* as many words as the kind asked for (input_kind.h) */
+    atomic_bool gathers; /* swept_spheres.c copies the vertices of pairs */
+    _Atomic uint64_t index_sum; /* of these pairs */
+};
+
+/* The least and the greatest of some indices. */
+struct fetch_span {
+    uint32_t lowest, highest;
 };
 
 /* Returns the row of a geometry in the block that is being filled. */
@@ -43,6 +51,23 @@ static inline void fetch_lower(_Atomic uint32_t *lowest, uint32_t value)
     while (old > value &&
            !atomic_compare_exchange_weak_explicit(lowest, &old, value, memory_order_relaxed, memory_order_relaxed))
         ;
+}
+
+static inline void fetch_span_grow(const uint32_t *indices, size_t count, struct fetch_span *span)
+{
+    uint32_t lowest = span->lowest, highest = span->highest;
+    for (size_t i = 0; i < count; i++) {
+        lowest = indices[i] < lowest ? indices[i] : lowest;
+        highest = indices[i] > highest ? indices[i] : highest;
+    }
+    *span = (struct fetch_span){lowest, highest};
+}
+
+/* Adds the indices that a thread has read to those of the geometry. */
+static inline void fetch_span_note(const struct fetch_span *span, struct fetch_source *source)
+{
+    fetch_lower(&source->lowest, span->lowest);
+    fetch_raise(&source->highest, span->highest);
 }
 
 /* Notes that some content breaks a rule. */

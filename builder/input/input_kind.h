@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * input_kind.h - what this stage does differently for triangles, boxes and instances: one struct for each kind of
- * geometry, which the file of the kind fills (triangles.c, aabbs.c, instances.c).
+ * input_kind.h - what this stage does differently for each kind of geometry: one struct for each, which the file of the kind
+ * fills, such as triangles.c.
  *
  * Functions of hot loops take ranges of primitives or vertices, so that one call through a pointer serves thousands of
  * them; `look` serves callers that need single ones. Every geometry that the functions get has passed the checks that
@@ -25,6 +25,7 @@ struct form_geometry;
 struct reach;
 
 struct input_kind {
+    uint32_t version; /* of a canonical copy with such geometries (canonical.h) */
     uint32_t corners; /* vertices of a primitive; 0: the kind has no vertices */
 
     /* Checks the range of the geometry, and that the memory which it names is there. */
@@ -32,15 +33,19 @@ struct input_kind {
 
     /* Fills the fields of a row that only this kind has. NULL: there are none. */
     void (*describe)(const struct geometry *geometry, bool is_update, struct form_geometry *row);
+    /* Checks what a row of an updatable geometry from elsewhere records. NULL: nothing is recorded. */
+    bool (*update_is_sound)(const struct form_geometry *row);
     /* Sets the pointer of the view that leads to the array at data_offset. */
     void (*view)(const void *data, struct canonical_geometry *geometry);
 
+    /* Returns how many words of scratch memory the functions that read need, until the vertices are read. NULL: 0. */
+    uint64_t (*scratch)(const struct geometry *geometry);
     /* Reads primitives, that is, indices, boxes or records, once; called on any thread. */
     void (*fetch_primitives)(struct fetch *fetch, uint32_t geometry, uint32_t first, uint32_t count);
     /* Checks what was read when all primitives have been, and counts the vertices in use. NULL: nothing to do. */
     enum bvhd_status (*finish)(struct fetch *fetch, uint32_t geometry, struct bvhd_error *error);
     /*
-     * Makes indices count from the lowest one; called on any thread, where `finish` set must_rebase. NULL: no indices.
+     * Makes canonical indices, which count from the lowest one, of those that were read; called on any thread, where `finish` set must_rebase. NULL: no indices.
      */
     void (*rebase)(struct fetch *fetch, uint32_t geometry, uint32_t first, uint32_t count);
     /* Reads vertices once; called on any thread. NULL: the kind has none. */
@@ -65,7 +70,7 @@ struct input_kind {
     void (*outline)(const struct canonical_geometry *geometry, uint32_t first, uint32_t count, struct reach *reach);
 };
 
-extern const struct input_kind input_triangles, input_aabbs, input_instances;
+extern const struct input_kind input_triangles, input_aabbs, input_instances, input_spheres, input_swept_spheres;
 
 /* Returns the kind of geometries of this type; NULL for a type that bvhd does not build. */
 const struct input_kind *input_kind_of(uint32_t type);

@@ -207,6 +207,7 @@ static uint32_t collect(const struct canonical *canonical, const struct canonica
 }
 
 const struct input_kind input_instances = {
+    .version = CANONICAL_VERSION,
     .check_memory = check_memory,
     .view = view,
     .fetch_primitives = fetch_records,

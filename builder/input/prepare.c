@@ -187,7 +187,7 @@ static void write_header(struct work *work)
     const struct canonical *view = &work->fetch.view;
     uint64_t references = (uint64_t)work->references.count * sizeof(struct form_reference);
     struct form_header header = {
-        .version = CANONICAL_VERSION,
+        .version = form_version(rows_of(work), view->geometry_count),
         .type = work->input->type,
         .flags = work->input->flags,
         .geometry_count = view->geometry_count,

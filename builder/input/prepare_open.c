@@ -6,7 +6,6 @@
 #include "proto/base/place.h"
 #include "builder/input/prepare.h"
 #include "builder/input/validate.h"
-#include "builder/input/vertex_format.h"
 
 enum { KNOWN_FLAGS = 0x81f, KNOWN_GEOMETRY_FLAGS = GEOMETRY_OPAQUE | GEOMETRY_NO_DUPLICATE_ANY_HIT };
 
@@ -33,9 +32,9 @@ static enum bvhd_status check_header(const struct block_reader *reader)
     const struct form_header *header = reader->header;
     if (memcmp(header->magic, form_magic, sizeof form_magic) != 0)
         return form_corrupt(reader->error, "magic", "no canonical copy");
-    if (header->version != CANONICAL_VERSION)
-        return bvhd_error_set(reader->error, BVHD_INCOMPATIBLE, "version", "version %u, not %u", header->version,
-                              CANONICAL_VERSION);
+    if (header->version != CANONICAL_VERSION && header->version != CANONICAL_VERSION_ROUND)
+        return bvhd_error_set(reader->error, BVHD_INCOMPATIBLE, "version", "version %u, known are %d and %d",
+                              header->version, CANONICAL_VERSION, CANONICAL_VERSION_ROUND);
     if (header->size != reader->block.size)
         return form_corrupt(reader->error, "size", "not the number of bytes given");
     if (header->type != STRUCTURE_TOP && header->type != STRUCTURE_BOTTOM)
@@ -52,13 +51,13 @@ static enum bvhd_status check_header(const struct block_reader *reader)
     return BVHD_OK;
 }
 
-static bool update_is_valid(const struct form_geometry *row, bool has_vertices, uint32_t flags)
+static bool update_is_valid(const struct form_geometry *row, uint32_t flags)
 {
-    if (!(flags & BUILD_ALLOW_UPDATE) || !has_vertices)
+    const struct input_kind *kind = input_kind_of(row->type);
+    if (!(flags & BUILD_ALLOW_UPDATE) || !kind->update_is_sound)
         return row->update == 0 && row->vertex_format == 0 && row->max_vertex == 0 && row->index_type == 0 &&
-               row->lowest_index == 0;
-    return (row->update & ~(uint32_t)FORM_UPDATE_TRANSFORM) == FORM_UPDATE_RECORDED &&
-           (row->indexed || row->lowest_index == 0) && vertex_format_find(row->vertex_format) &&
+               row->lowest_index == 0 && row->radius_format == 0 && row->swept_modes == 0;
+    return kind->update_is_sound(row) &&
            (row->index_type == INDEX_NONE || row->index_type == INDEX_UINT16 || row->index_type == INDEX_UINT32);
 }
 
@@ -80,10 +79,11 @@ static enum bvhd_status check_row(const struct block_reader *reader, uint32_t in
     uint64_t vertices = (uint64_t)corners * row->primitive_count;
     if (row->indexed ? row->vertex_count == 0 : row->vertex_count != vertices)
         return form_corrupt_row(reader->error, index, "vertexCount", "does not fit the primitives");
-    if (!update_is_valid(row, has_vertices, reader->header->flags))
-        return form_corrupt_row(reader->error, index, "update", "fields that no build has");
-    if (row->radius_format != 0 || row->swept_modes != 0)
+    if ((row->radius_format != 0 || row->swept_modes != 0) &&
+        input_kind_of(row->type)->version < CANONICAL_VERSION_ROUND)
         return form_corrupt_row(reader->error, index, "reserved", "not 0");
+    if (!update_is_valid(row, reader->header->flags))
+        return form_corrupt_row(reader->error, index, "update", "fields that no build has");
     return BVHD_OK;
 }
 
@@ -98,6 +98,8 @@ static enum bvhd_status check_rows(const struct block_reader *reader)
     }
     if (status != BVHD_OK)
         return status;
+    if (reader->header->version != form_version(reader->rows, reader->header->geometry_count))
+        return form_corrupt(reader->error, "version", "not that of blocks with such geometries");
     if (primitives != reader->header->primitive_count)
         return form_corrupt(reader->error, "primitiveCount", "not the sum over the geometries");
     if (vertices != reader->header->vertex_count)

@@ -24,6 +24,11 @@ struct reach reach_empty(void);
 void reach_add_vertices(struct reach *reach, const float *positions, size_t count);
 void reach_add_boxes(struct reach *reach, const float *boxes, size_t count);
 
+/*
+ * Grows the reach by spheres, given as centre and radius. Nothing is added where one of the four floats is a NaN.
+ */
+void reach_add_spheres(struct reach *reach, const float *spheres, size_t count);
+
 /* Grows the reach by all that `more` contains. */
 void reach_join(struct reach *reach, const struct reach *more);
 

@@ -80,23 +80,15 @@ static void describe(const struct geometry *geometry, bool is_update, struct for
     row->index_type = triangles->index_type;
 }
 
+static bool update_is_sound(const struct form_geometry *row)
+{
+    return (row->update & ~(uint32_t)FORM_UPDATE_TRANSFORM) == FORM_UPDATE_RECORDED &&
+           (row->indexed || row->lowest_index == 0) && vertex_format_find(row->vertex_format);
+}
+
 static void view(const void *data, struct canonical_geometry *geometry)
 {
     geometry->positions = data;
-}
-
-struct index_range {
-    uint32_t lowest, highest;
-};
-
-static void grow_span(const uint32_t *indices, size_t count, struct index_range *span)
-{
-    uint32_t lowest = span->lowest, highest = span->highest;
-    for (size_t i = 0; i < count; i++) {
-        lowest = indices[i] < lowest ? indices[i] : lowest;
-        highest = indices[i] > highest ? indices[i] : highest;
-    }
-    *span = (struct index_range){lowest, highest};
 }
 
 static void to_u32(const unsigned char *source, size_t count, uint32_t *ret_indices)
@@ -106,14 +98,14 @@ static void to_u32(const unsigned char *source, size_t count, uint32_t *ret_indi
 }
 
 static void copy_indices(const unsigned char *source, uint32_t type, size_t count, uint32_t *ret_indices,
-                         struct index_range *span)
+                         struct fetch_span *span)
 {
     if (type == INDEX_UINT16)
         to_u32(source, count, ret_indices);
     else
         memcpy(ret_indices, source, count * sizeof *ret_indices);
     fetch_settle();
-    grow_span(ret_indices, count, span);
+    fetch_span_grow(ret_indices, count, span);
 }
 
 static void fetch_indices(struct fetch *fetch, uint32_t index, uint32_t first, uint32_t count)
@@ -131,13 +123,12 @@ static void fetch_indices(struct fetch *fetch, uint32_t index, uint32_t first, u
     }
     size_t size = triangles->index_type == INDEX_UINT16 ? 2 : 4;
     const unsigned char *source = triangles->indices.data + geometry->range.primitive_offset + (size_t)3 * first * size;
-    struct index_range span = {UINT32_MAX, 0};
+    struct fetch_span span = {UINT32_MAX, 0};
     for (size_t at = 0; at < total; at += INDEX_BLOCK) {
         size_t some = total - at < INDEX_BLOCK ? total - at : INDEX_BLOCK;
         copy_indices(source + at * size, triangles->index_type, some, target + at, &span);
     }
-    fetch_lower(&fetch->sources[index].lowest, span.lowest);
-    fetch_raise(&fetch->sources[index].highest, span.highest);
+    fetch_span_note(&span, &fetch->sources[index]);
 }
 
 static enum bvhd_status report_index(const struct fetch *fetch, uint32_t index, struct bvhd_error *error)
@@ -290,9 +281,11 @@ static void outline(const struct canonical_geometry *geometry, uint32_t first, u
 }
 
 const struct input_kind input_triangles = {
+    .version = CANONICAL_VERSION,
     .corners = 3,
     .check_memory = check_memory,
     .describe = describe,
+    .update_is_sound = update_is_sound,
     .view = view,
     .fetch_primitives = fetch_indices,
     .finish = finish,

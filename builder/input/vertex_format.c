@@ -4,6 +4,8 @@
 #include <stdbool.h>
 #include <string.h>
 
+#include "proto/base/vertex_element.h"
+
 static float float_of_bits(uint32_t bits)
 {
     float value;
@@ -140,4 +142,31 @@ const struct vertex_format *vertex_formats(uint32_t *ret_count)
 {
     *ret_count = FORMAT_COUNT;
     return formats;
+}
+
+static void decode_halves(const unsigned char *source, uint64_t stride, uint64_t count, float *ret_radii)
+{
+    for (uint64_t i = 0; i < count; i++, source += stride) {
+        uint16_t element;
+        memcpy(&element, source, sizeof element);
+        ret_radii[i] = from_half(element);
+    }
+}
+
+static void decode_floats(const unsigned char *source, uint64_t stride, uint64_t count, float *ret_radii)
+{
+    for (uint64_t i = 0; i < count; i++, source += stride)
+        memcpy(&ret_radii[i], source, sizeof *ret_radii);
+}
+
+const struct radius_format *radius_format_find(uint32_t format)
+{
+    static const struct radius_format radii[] = {
+        {RADIUS_FLOAT16, sizeof(uint16_t), decode_halves},
+        {RADIUS_FLOAT32, sizeof(float), decode_floats},
+    };
+    for (unsigned i = 0; i < sizeof radii / sizeof radii[0]; i++)
+        if (radii[i].format == format)
+            return &radii[i];
+    return NULL;
 }

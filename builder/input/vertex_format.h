@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* vertex_format.h - the VkFormats in which positions may be given, and their decoding to float. */
+/* vertex_format.h - the VkFormats in which positions and radii may be given, and their decoding to float. */
 #ifndef BVHD_VERTEX_FORMAT_H
 #define BVHD_VERTEX_FORMAT_H
 
@@ -21,6 +21,18 @@ struct vertex_format {
 
 /* Returns NULL when bvhd does not read this format as vertices. */
 const struct vertex_format *vertex_format_find(uint32_t format);
+
+/* A format of radii. */
+struct radius_format {
+    uint32_t format; /* VkFormat */
+    uint32_t size; /* bytes of one element */
+
+    /* Decodes `count` elements, which lie `stride` bytes apart from `source` on. Reads each byte once. */
+    void (*decode)(const unsigned char *source, uint64_t stride, uint64_t count, float *ret_radii);
+};
+
+/* Returns NULL when bvhd does not read this format as radii. */
+const struct radius_format *radius_format_find(uint32_t format);
 
 /* Returns the static table of all *ret_count formats, for tests and for announcing them. */
 const struct vertex_format *vertex_formats(uint32_t *ret_count);

@@ -210,7 +210,8 @@ static void places_are_named(void **state)
     (void)state;
     reason(0, 0, 1, BVHD_CORRUPT, "magic");
     reason(0, 4, 1, BVHD_INCOMPATIBLE, "version");
-    reason(0, 4, 3, BVHD_INCOMPATIBLE, "version");
+    reason(0, 4, 3, BVHD_CORRUPT, "version");
+    reason(0, 4, 4, BVHD_INCOMPATIBLE, "version");
     reason(0, 8, 2, BVHD_CORRUPT, "type");
     reason(0, 12, 0x20, BVHD_CORRUPT, "flags");
     reason(0, 12, 0xc, BVHD_CORRUPT, "flags");
