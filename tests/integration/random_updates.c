@@ -237,8 +237,10 @@ static void compare_bottoms(struct run *run, const struct random_input *bottom, 
         return;
     }
     for (uint32_t g = 0; g < count; g++)
-        meshes[g] = (struct oracle_mesh){
-            (const float *)bottom->meanings[g].corners, NULL, bottom->meanings[g].count, NULL, RAY_NO_INSTANCE, g};
+        meshes[g] = (struct oracle_mesh){.positions = (const float *)bottom->meanings[g].corners,
+                                         .primitive_count = bottom->meanings[g].count,
+                                         .instance = RAY_NO_INSTANCE,
+                                         .geometry = g};
     judge_rays(run, &traced[0], &traced[1], meshes, count, random, true);
 }
 

@@ -178,7 +178,10 @@ static uint64_t judge(struct run *run, const struct built *built, bool is_native
 
 static void run_frame(struct run *run, const struct built sources[LAYOUTS], const struct ply *ply, const char *name)
 {
-    const struct oracle_mesh mesh = {ply->positions, ply->indices, ply->triangle_count, NULL, RAY_NO_INSTANCE, 0};
+    const struct oracle_mesh mesh = {.positions = ply->positions,
+                                     .indices = ply->indices,
+                                     .primitive_count = ply->triangle_count,
+                                     .instance = RAY_NO_INSTANCE};
     struct ray rays[RAYS];
     struct oracle_answer answers[RAYS];
     struct bvhd_error error;

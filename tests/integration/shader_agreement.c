@@ -59,9 +59,9 @@ static struct shader_case random_case(struct random *random)
 static void aim_at_corner(const struct shader_meshes *meshes, struct random *random, struct ray *ray)
 {
     const struct oracle_mesh *mesh = &meshes->meshes[random_below(random, meshes->count)];
-    if (!mesh->triangle_count || mesh->transform)
+    if (!mesh->primitive_count || mesh->transform)
         return;
-    const float *corner = mesh->positions + (uint64_t)3 * random_below(random, 3 * mesh->triangle_count);
+    const float *corner = mesh->positions + (uint64_t)3 * random_below(random, 3 * mesh->primitive_count);
     for (int axis = 0; axis < 3; axis++)
         if (!isfinite(corner[axis] - ray->origin[axis]))
             return;
@@ -121,7 +121,7 @@ static bool is_promised(const struct scene *scene, const struct shader_meshes *a
         if (scene->bottoms[i]->header->node_count && !is_in_range(scene->bottoms[i]->header->bounds, 6))
             return false;
     for (uint32_t i = 0; i < aims->count; i++)
-        for (uint64_t k = 0; k < aims->meshes[i].triangle_count; k++)
+        for (uint64_t k = 0; k < aims->meshes[i].primitive_count; k++)
             if (!is_in_range(aims->meshes[i].positions + 9 * k, 9))
                 return false;
     return !scene->top || !scene->top->header->node_count || is_in_range(scene->top->header->bounds, 6);

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The oracle works in two passes. For each ray and each block of triangles, the first one (oracle_filter.h) drops
- * nearly all triangles by the distance between the ray's line and their bounding spheres. The second one
+ * The oracle works in two passes. For each ray and each block of primitives, the first one (oracle_filter.h) drops
+ * nearly all primitives by the distance between the ray's line and their bounding spheres. The second one
  * (oracle_kind.h) tests the others, and oracle_pursuit.h collects the hits of a ray. Chunks of rays are
- * independent: each goes through all triangles.
+ * independent: each goes through all primitives.
  */
 #include "client/bvhctl/oracle/oracle.h"
 
@@ -15,7 +15,7 @@
 #include "client/bvhctl/oracle/oracle_pursuit.h"
 #include "proto/base/status.h"
 
-/* Rays that go through the triangles together: as many as fit into a cache, but fewer if threads would be idle. */
+/* Rays that go through the primitives together: as many as fit into a cache, but fewer if threads would be idle. */
 enum { MOST_RAYS = 512, FEWEST_RAYS = 16, PROGRESS_BLOCKS = 64 };
 
 struct trace {
@@ -35,13 +35,17 @@ struct trace {
 
 /* ---- primitives, in blocks over all meshes ---- */
 
-/* All meshes are of it. */
-static const struct oracle_kind *const kind = &oracle_triangles;
+static const struct oracle_kind *const kinds[ORACLE_SHAPES] = {
+    [ORACLE_TRIANGLES] = &oracle_triangles,
+    [ORACLE_SPHERES] = &oracle_spheres,
+    [ORACLE_SWEPT_SPHERES] = &oracle_swept_spheres,
+};
 
 struct primitive_block {
     struct oracle_filter_block filter;
+    const struct oracle_kind *kinds[ORACLE_FILTER_BLOCK];
     union oracle_subject subjects[ORACLE_FILTER_BLOCK];
-    struct oracle_triangle_id ids[ORACLE_FILTER_BLOCK];
+    struct oracle_primitive_id ids[ORACLE_FILTER_BLOCK];
 };
 
 struct primitive_cursor {
@@ -51,11 +55,13 @@ struct primitive_cursor {
 static void block_add(struct primitive_block *block, const struct oracle_mesh *mesh, uint32_t primitive)
 {
     uint32_t at = block->filter.count;
+    const struct oracle_kind *kind = kinds[mesh->shape];
     double centre[3], radius;
     if (!kind->fetch(mesh, primitive, &block->subjects[at]))
         return;
     kind->sphere(&block->subjects[at], centre, &radius);
-    block->ids[at] = (struct oracle_triangle_id){mesh->instance, mesh->geometry, primitive, 1, 0};
+    block->kinds[at] = kind;
+    block->ids[at] = (struct oracle_primitive_id){mesh->instance, mesh->geometry, primitive, 1, 0};
     oracle_filter_add(&block->filter, centre, radius);
 }
 
@@ -67,7 +73,7 @@ static uint64_t block_fill(const struct trace *trace, struct primitive_cursor *c
     oracle_filter_begin(&ret_block->filter, wobble);
     for (; cursor->mesh < trace->mesh_count; cursor->mesh++, cursor->primitive = 0) {
         const struct oracle_mesh *mesh = &trace->meshes[cursor->mesh];
-        for (; cursor->primitive < mesh->triangle_count; cursor->primitive++, seen++) {
+        for (; cursor->primitive < mesh->primitive_count; cursor->primitive++, seen++) {
             if (ret_block->filter.count == ORACLE_FILTER_BLOCK)
                 return seen;
             block_add(ret_block, mesh, cursor->primitive);
@@ -76,7 +82,7 @@ static uint64_t block_fill(const struct trace *trace, struct primitive_cursor *c
     return seen;
 }
 
-/* ---- a chunk of rays against all triangles ---- */
+/* ---- a chunk of rays against all primitives ---- */
 
 struct ray_chunk {
     uint32_t count;
@@ -116,7 +122,8 @@ static bool meet(struct oracle_pursuit *pursuit, const struct primitive_block *b
 {
     struct oracle_contender next = {.id = block->ids[at]};
     struct oracle_outline outline;
-    enum oracle_presence presence = kind->meet(&pursuit->ray, &block->subjects[at], &next.crossing, &outline);
+    enum oracle_presence presence =
+        block->kinds[at]->meet(&pursuit->ray, &block->subjects[at], &next.crossing, &outline);
     return presence == ORACLE_ABSENT || oracle_pursuit_note(pursuit, presence, &next, &outline, memory);
 }
 
@@ -191,7 +198,7 @@ enum bvhd_status oracle_trace(const struct oracle_mesh *meshes, uint32_t mesh_co
     trace.progress_context = progress_context;
     trace.answers = ret_answers;
     for (uint32_t i = 0; i < mesh_count; i++)
-        trace.total += (uint64_t)meshes[i].triangle_count * ray_count;
+        trace.total += (uint64_t)meshes[i].primitive_count * ray_count;
     for (uint32_t i = 0; i < ray_count; i++)
         ret_answers[i] = (struct oracle_answer){.outcome = ORACLE_MISS};
     parallel_for(parallel, parallel_chunks(trace.chunk, ray_count), trace_chunk, &trace);
@@ -211,10 +218,10 @@ void oracle_finish(struct oracle_answer *answers, uint32_t ray_count, struct mem
 
 /* ---- judging ---- */
 
-static const struct oracle_triangle_id *find_tied(const struct oracle_answer *answer, const struct ray_hit *hit)
+static const struct oracle_primitive_id *find_tied(const struct oracle_answer *answer, const struct ray_hit *hit)
 {
     for (uint32_t i = 0; i < answer->tied_count; i++) {
-        const struct oracle_triangle_id *id = &answer->tied[i];
+        const struct oracle_primitive_id *id = &answer->tied[i];
         if (id->instance == hit->instance && id->geometry == hit->geometry &&
             hit->primitive - id->primitive < id->count)
             return id;
@@ -239,7 +246,7 @@ enum oracle_verdict oracle_judge(const struct oracle_answer *answer, const struc
         return hit ? ORACLE_WRONG_HIT : ORACLE_RIGHT;
     if (!hit)
         return ORACLE_WRONG_MISS;
-    const struct oracle_triangle_id *tied = hit->is_aabb ? NULL : find_tied(answer, hit);
+    const struct oracle_primitive_id *tied = hit->is_aabb ? NULL : find_tied(answer, hit);
     if (!tied)
         return ORACLE_WRONG_PRIMITIVE;
     if (!is_possible_t(answer, hit->t))

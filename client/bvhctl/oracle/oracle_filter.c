@@ -57,7 +57,7 @@ double oracle_filter_ray_init(struct oracle_filter_ray *ret_filter, const struct
     make_across(direction, ret_filter->across);
     ret_filter->offset[0] = dot(ret_filter->across[0], origin);
     ret_filter->offset[1] = dot(ret_filter->across[1], origin);
-    /* asin(sine) <= pi / 2 * sine. If the sine of the angle may be 1, the ray may meet every triangle. */
+    /* asin(sine) <= pi / 2 * sine. If the sine of the angle may be 1, the ray may meet every primitive. */
     double wobble = sine < 1 ? 1.6 * sine + ROUNDING : INFINITY;
     ret_filter->slack = wobble * length(origin) * (1 + ROUNDING) + length(origin_moves) * (1 + ROUNDING);
     return wobble;

@@ -7,6 +7,7 @@
 #define BVHD_ORACLE_KIND_H
 
 #include "client/bvhctl/oracle/oracle_ray.h"
+#include "client/bvhctl/oracle/oracle_round.h"
 #include "client/bvhctl/oracle/oracle_triangle.h"
 
 struct oracle_mesh;
@@ -14,6 +15,7 @@ struct oracle_mesh;
 /* A primitive in world space, of the kind that has fetched it. */
 union oracle_subject {
     struct oracle_triangle triangle;
+    struct oracle_round round;
 };
 
 enum oracle_presence { ORACLE_ABSENT, ORACLE_POSSIBLE, ORACLE_SURE };
@@ -29,13 +31,16 @@ struct oracle_crossing {
     double shift; /* what those moves add: t itself is in [low - shift, high + shift] */
 };
 
-/* A triangle that is possibly hit: in world space, and as it is seen along the ray, which is at 0. */
+/*
+ * A primitive that is possibly hit. If it is open, it is a triangle: in world space, and as it is seen along the ray,
+ * which is at 0.
+ */
 struct oracle_outline {
+    bool open; /* only the edges leave it open whether it is hit: distance and facing are sure */
     double corners[3][3]; /* in world space; equal ones are the same corner */
     double seen[3][2];
     bool sure[3]; /* [k]: the ray surely does not pass through edge k, which is opposite to corner k */
     bool positive; /* the sign of the area */
-    bool open; /* only the edges leave it open whether it is hit: distance and facing are sure */
 };
 
 struct oracle_kind {
@@ -44,14 +49,26 @@ struct oracle_kind {
     /* Makes a sphere that contains the primitive and all its moves. */
     void (*sphere)(const union oracle_subject *subject, double ret_centre[3], double *ret_radius);
     /*
-     * Returns whether the ray meets the primitive between tmin and tmax. Of the ray's flags, those of culling by facing
-     * are honoured and no others. *ret_crossing is filled in unless the result is ABSENT, *ret_outline if it is
-     * POSSIBLE.
+     * Returns whether the ray meets the primitive between tmin and tmax. Of the ray's flags, triangles honour those of
+     * culling by facing; no others are honoured. *ret_crossing is filled in unless the result is ABSENT, *ret_outline
+     * if it is POSSIBLE.
      */
     enum oracle_presence (*meet)(const struct oracle_ray *ray, const union oracle_subject *subject,
                                  struct oracle_crossing *ret_crossing, struct oracle_outline *ret_outline);
 };
 
-extern const struct oracle_kind oracle_triangles;
+extern const struct oracle_kind oracle_triangles, oracle_spheres, oracle_swept_spheres;
+
+/* Returns the less certain one of two presences. */
+static inline enum oracle_presence oracle_worse(enum oracle_presence a, enum oracle_presence b)
+{
+    return a < b ? a : b;
+}
+
+/* Makes a crossing of an interval of t, which it widens as struct oracle_crossing says. */
+struct oracle_crossing oracle_crossing_make(double t, double low, double high, double shift);
+
+/* Returns whether t is in the open interval tmin < t < tmax of the ray. */
+enum oracle_presence oracle_crossing_between(const struct oracle_crossing *crossing, const struct oracle_ray *ray);
 
 #endif

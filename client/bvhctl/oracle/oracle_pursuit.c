@@ -40,8 +40,8 @@ static void drop_beaten_doubts(struct oracle_pursuit *pursuit)
 }
 
 /*
- * Returns whether `next` is the primitive after `last` and an identical triangle. Both become one contender then, so
- * that many copies of a triangle do not need memory for each pair of a ray and a copy.
+ * Returns whether `next` is the primitive after `last` and an identical one. Both become one contender then, so
+ * that many copies of a primitive do not need memory for each pair of a ray and a copy.
  */
 static bool extends(const struct oracle_contender *last, const struct oracle_contender *next)
 {

@@ -13,7 +13,7 @@
 
 struct oracle_contender {
     struct oracle_crossing crossing;
-    struct oracle_triangle_id id;
+    struct oracle_primitive_id id;
 };
 
 /* Open triangles that may be hit. */

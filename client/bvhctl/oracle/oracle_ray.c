@@ -24,6 +24,10 @@ enum oracle_ray_kind oracle_ray_init(struct oracle_ray *ret_prepared, const stru
     prepared.origin[2] = radial_input(ray->origin[z]);
     prepared.shear[0] = radial_div(radial_input(ray->direction[prepared.x]), along);
     prepared.shear[1] = radial_div(radial_input(ray->direction[prepared.y]), along);
+    for (int axis = 0; axis < 3; axis++) {
+        prepared.from[axis] = radial_input(ray->origin[axis]);
+        prepared.along[axis] = radial_input(ray->direction[axis]);
+    }
     prepared.tmin = ray->tmin;
     prepared.tmax = ray->tmax;
     prepared.flags = ray->flags;

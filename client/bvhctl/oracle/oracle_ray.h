@@ -12,6 +12,7 @@ struct oracle_ray {
     struct radial origin[3]; /* along x, y, z */
     struct radial shear[2]; /* direction x and y, divided by direction z */
     struct radial direction_z;
+    struct radial from[3], along[3]; /* origin and direction in the order of the world's axes */
     float tmin, tmax;
     uint32_t flags;
 };

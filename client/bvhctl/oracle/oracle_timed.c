@@ -5,16 +5,16 @@
 
 #include "proto/base/clock.h"
 
-enum { FEWEST_RAYS = 16 }; /* of a thread: below, fetching the triangles costs more than the tests */
+enum { FEWEST_RAYS = 16 }; /* of a thread: below, fetching the primitives costs more than the tests */
 static const double tests_a_second = 1.7e8; /* of a thread */
 static const double first_seconds = 1; /* what the first portion takes at most, whose rate decides the others */
 
 uint64_t oracle_work_tests(const struct oracle_work *work, uint32_t ray_count)
 {
-    uint64_t triangles = 0;
+    uint64_t primitives = 0;
     for (uint32_t i = 0; i < work->mesh_count; i++)
-        triangles += work->meshes[i].triangle_count;
-    return triangles * ray_count;
+        primitives += work->meshes[i].primitive_count;
+    return primitives * ray_count;
 }
 
 double oracle_work_seconds(const struct oracle_work *work, uint32_t ray_count)

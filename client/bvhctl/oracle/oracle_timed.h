@@ -18,7 +18,7 @@ struct oracle_work {
     void *progress_context;
 };
 
-/* Returns the number of pairs of a ray and a triangle, each of which is a test. */
+/* Returns the number of pairs of a ray and a primitive, each of which is a test. */
 uint64_t oracle_work_tests(const struct oracle_work *work, uint32_t ray_count);
 
 /* Returns about how many seconds oracle_trace takes, by the rate of a processor of the year 2020. */

@@ -4,12 +4,6 @@
 
 #include <math.h>
 
-/*
- * Half of what two distances differ by at most, relative to them, if they are rounded to the same number of 32
- * significant bits: their spacing is at most 2^-31.
- */
-#define EQUAL_WITHIN 0x1p-32
-
 static bool corners_equal(const float a[3], const float b[3])
 {
     return a[0] == b[0] && a[1] == b[1] && a[2] == b[2];
@@ -189,27 +183,9 @@ static void meeting_z(const struct sheared *sheared, const struct radial edges[3
 
 static struct oracle_crossing crossing_of(const struct oracle_ray *ray, double z, double low, double high)
 {
-    double scale = ray->direction_z.centre;
+    double scale = ray->direction_z.centre, a = low / scale, b = high / scale;
     struct radial depth = {fmax(fabs(low), fabs(high)), ray->origin[2].radius};
-    struct oracle_crossing crossing = {.t = z / scale, .shift = radial_div(depth, ray->direction_z).radius};
-    double a = low / scale, b = high / scale;
-    crossing.low = fmin(a, b) - (EQUAL_WITHIN + RADIAL_ROUNDING) * fabs(fmin(a, b));
-    crossing.high = fmax(a, b) + (EQUAL_WITHIN + RADIAL_ROUNDING) * fabs(fmax(a, b));
-    return crossing;
-}
-
-static enum oracle_presence worse(enum oracle_presence a, enum oracle_presence b)
-{
-    return a < b ? a : b;
-}
-
-/* Returns whether t is in the open interval tmin < t < tmax. */
-static enum oracle_presence presence_between(const struct oracle_ray *ray, const struct oracle_crossing *crossing)
-{
-    double low = crossing->low - crossing->shift, high = crossing->high + crossing->shift;
-    if (high <= ray->tmin || low >= ray->tmax)
-        return ORACLE_ABSENT;
-    return low > ray->tmin && high < ray->tmax ? ORACLE_SURE : ORACLE_POSSIBLE;
+    return oracle_crossing_make(z / scale, fmin(a, b), fmax(a, b), radial_div(depth, ray->direction_z).radius);
 }
 
 /*
@@ -254,18 +230,18 @@ static enum oracle_presence meet(const struct oracle_ray *ray, const union oracl
         edges[k] = edge_function(&sheared, (k + 1) % 3, (k + 2) % 3);
     struct radial det = determinant(&sheared);
     enum oracle_presence inside = presence_of(edges), facing = presence_of_facing(ray, det, triangle->mirrored);
-    if (worse(inside, facing) == ORACLE_ABSENT)
+    if (oracle_worse(inside, facing) == ORACLE_ABSENT)
         return ORACLE_ABSENT;
     double z, low, high;
     meeting_z(&sheared, edges, det, &z, &low, &high);
     struct oracle_crossing crossing = crossing_of(ray, z, low, high);
-    enum oracle_presence otherwise = worse(facing, presence_between(ray, &crossing));
+    enum oracle_presence otherwise = oracle_worse(facing, oracle_crossing_between(&crossing, ray));
     if (otherwise == ORACLE_ABSENT)
         return ORACLE_ABSENT;
-    if (worse(inside, otherwise) == ORACLE_POSSIBLE)
+    if (oracle_worse(inside, otherwise) == ORACLE_POSSIBLE)
         *ret_outline = outline_of(triangle, &sheared, edges, det, otherwise == ORACLE_SURE);
     *ret_crossing = crossing;
-    return worse(inside, otherwise);
+    return oracle_worse(inside, otherwise);
 }
 
 const struct oracle_kind oracle_triangles = {fetch, sphere, meet};

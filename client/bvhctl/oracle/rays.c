@@ -3,8 +3,9 @@
 
 #include <float.h>
 #include <math.h>
+#include <string.h>
 
-enum { PICKS = 64 }; /* random triangles that are tried before a search in order begins */
+enum { PICKS = 64 }; /* random primitives that are tried before a search in order begins */
 
 /* The height, in ulps, from which on a triangle counts as more than a line. */
 #define RESOLVED 16
@@ -36,9 +37,13 @@ static void transform_point(const float *matrix, const float point[3], double re
                                 : point[row];
 }
 
-/* A triangle in world space, and the dimensions that decide how a ray can be aimed at it. */
+/*
+ * A triangle in world space, and the dimensions that decide how a ray can be aimed at it. For a round primitive it is
+ * one that lies inside it.
+ */
 struct facet {
     double corners[3][3];
+    double margin[3]; /* how far the primitive may reach beyond the corners, along each axis */
     double longest; /* the longest edge */
     double height; /* the smallest height */
     double ulp; /* the distance between floats at its largest coordinate */
@@ -68,33 +73,87 @@ static void measure(struct facet *facet)
     facet->ulp = largest * FLT_EPSILON;
 }
 
-/* Returns false for a triangle that cannot be hit. */
-static bool fetch_triangle(const struct oracle_mesh *mesh, uint32_t triangle, struct facet *ret_facet)
+/*
+ * Makes a corner of a round primitive's facet: of the equilateral triangle at right angles to (1, 1, 1) in the sphere
+ * round this vertex. Its size is a number less than 1, so that the corner stays inside when it is rounded to a float.
+ */
+static void round_corner(const struct oracle_mesh *mesh, uint64_t vertex, int k, float ret_corner[3])
+{
+    const double size = 0.4; /* sqrt(1 / 6) is on the surface */
+    for (int axis = 0; axis < 3; axis++)
+        ret_corner[axis] =
+            (float)(mesh->positions[3 * vertex + (uint64_t)axis] + size * mesh->radii[vertex] * (axis == k ? 2 : -1));
+}
+
+/* How many vertices a primitive has. */
+static const uint32_t vertex_counts[ORACLE_SHAPES] = {3, 1, 2};
+
+static uint64_t vertex_of(const struct oracle_mesh *mesh, uint32_t primitive, uint32_t k)
+{
+    const uint64_t at = (uint64_t)vertex_counts[mesh->shape] * primitive + k;
+    return mesh->indices ? mesh->indices[at] : at;
+}
+
+/*
+ * Makes corner k of a primitive's facet, before the transform. Two corners of a swept sphere are at the end with the
+ * larger radius, and one at the other.
+ */
+static void facet_corner(const struct oracle_mesh *mesh, uint32_t primitive, int k, float ret_corner[3])
+{
+    const uint32_t count = vertex_counts[mesh->shape];
+    uint64_t at = vertex_of(mesh, primitive, (uint32_t)k % count);
+    if (mesh->shape == ORACLE_TRIANGLES) {
+        memcpy(ret_corner, mesh->positions + 3 * at, 3 * sizeof *ret_corner);
+        return;
+    }
+    uint64_t other = vertex_of(mesh, primitive, count - 1 - (uint32_t)k % count);
+    if (k == 2 && mesh->radii[other] > mesh->radii[at])
+        at = other;
+    round_corner(mesh, at, k, ret_corner);
+}
+
+/*
+ * Returns how far a round primitive can reach beyond its corners along a row of the transform. Its corners may be on
+ * one side of a centre, by 0.4 radii.
+ */
+static double margin_of(const struct oracle_mesh *mesh, uint32_t primitive, int row)
+{
+    const float *m = mesh->transform;
+    double stretch = m ? hypot(m[4 * row], hypot(m[4 * row + 1], m[4 * row + 2])) : 1, radius = 0;
+    for (uint32_t end = 0; end < vertex_counts[mesh->shape]; end++)
+        radius = fmax(radius, mesh->radii[vertex_of(mesh, primitive, end)]);
+    return 1.4 * stretch * radius;
+}
+
+/* Returns false for a primitive that cannot be hit. */
+static bool fetch_facet(const struct oracle_mesh *mesh, uint32_t primitive, struct facet *ret_facet)
 {
     for (int k = 0; k < 3; k++) {
-        uint64_t at = (uint64_t)3 * triangle + k;
-        double *corner = ret_facet->corners[k];
-        transform_point(mesh->transform, mesh->positions + (uint64_t)3 * (mesh->indices ? mesh->indices[at] : at),
-                        corner);
-        if (!isfinite(corner[0]) || !isfinite(corner[1]) || !isfinite(corner[2]))
+        double *world = ret_facet->corners[k];
+        float corner[3];
+        facet_corner(mesh, primitive, k, corner);
+        transform_point(mesh->transform, corner, world);
+        if (!isfinite(world[0]) || !isfinite(world[1]) || !isfinite(world[2]))
             return false;
+        ret_facet->margin[k] = mesh->shape == ORACLE_TRIANGLES ? 0 : margin_of(mesh, primitive, k);
     }
     measure(ret_facet);
     return ret_facet->height > 0;
 }
 
-/* Returns false when no triangle can be hit. */
+/* Returns false when no primitive can be hit. */
 static bool find_box(const struct oracle_mesh *meshes, uint32_t mesh_count, struct scene_box *ret_box)
 {
     struct scene_box box = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
     for (uint32_t mesh = 0; mesh < mesh_count; mesh++)
-        for (uint32_t i = 0; i < meshes[mesh].triangle_count; i++) {
+        for (uint32_t i = 0; i < meshes[mesh].primitive_count; i++) {
             struct facet facet;
-            if (!fetch_triangle(&meshes[mesh], i, &facet))
+            if (!fetch_facet(&meshes[mesh], i, &facet))
                 continue;
             for (int k = 0; k < 9; k++) {
-                box.min[k % 3] = fmin(box.min[k % 3], facet.corners[k / 3][k % 3]);
-                box.max[k % 3] = fmax(box.max[k % 3], facet.corners[k / 3][k % 3]);
+                const double at = facet.corners[k / 3][k % 3], margin = facet.margin[k % 3];
+                box.min[k % 3] = fmin(box.min[k % 3], at - margin);
+                box.max[k % 3] = fmax(box.max[k % 3], at + margin);
             }
         }
     if (!(box.min[0] <= box.max[0]))
@@ -105,16 +164,16 @@ static bool find_box(const struct oracle_mesh *meshes, uint32_t mesh_count, stru
 
 static bool fetch_flat(const struct oracle_mesh *meshes, uint64_t index, struct facet *ret_facet)
 {
-    while (index >= meshes->triangle_count)
-        index -= (meshes++)->triangle_count;
-    return fetch_triangle(meshes, (uint32_t)index, ret_facet);
+    while (index >= meshes->primitive_count)
+        index -= (meshes++)->primitive_count;
+    return fetch_facet(meshes, (uint32_t)index, ret_facet);
 }
 
 /*
- * Picks a random triangle that can be hit; there must be one. It prefers one that floats can distinguish from a line,
+ * Picks a random primitive that can be hit; there must be one. It prefers one that floats can distinguish from a line,
  * if a few random picks find one.
  */
-static void pick_triangle(const struct oracle_mesh *meshes, uint64_t total, uint64_t *state, struct facet *ret_facet)
+static void pick_facet(const struct oracle_mesh *meshes, uint64_t total, uint64_t *state, struct facet *ret_facet)
 {
     uint64_t index = 0;
     bool found = false;
@@ -223,14 +282,14 @@ void rays_make(const struct oracle_mesh *meshes, uint32_t mesh_count, uint64_t s
 {
     uint64_t state = seed, total = 0;
     for (uint32_t mesh = 0; mesh < mesh_count; mesh++)
-        total += meshes[mesh].triangle_count;
+        total += meshes[mesh].primitive_count;
     struct scene_box box = {{-1, -1, -1}, {1, 1, 1}};
     bool any = find_box(meshes, mesh_count, &box);
     for (uint32_t i = 0; i < count; i++) {
         ret_rays[i] = (struct ray){.tmin = 0, .tmax = FLT_MAX, .cull_mask = 0xff};
         if (any && i % 2 == 0) {
             struct facet facet;
-            pick_triangle(meshes, total, &state, &facet);
+            pick_facet(meshes, total, &state, &facet);
             aim(&ret_rays[i], &box, &facet, &state);
         } else {
             start_inside(&ret_rays[i], &box, &state);

@@ -7,11 +7,12 @@
 
 /*
  * Fills ret_rays[count]. Rays with even numbers start outside the scene's bounding box and aim at points inside random
- * triangles. These triangles are active and, if there are such, thicker than a few ulps; an instance is chosen with a
- * probability in proportion to its number of triangles. A ray starts nearer to its triangle if an ulp of the direction
- * would make it miss from outside. Rays with odd numbers start at random points of the box, slightly enlarged, in
- * random directions. All directions are unit vectors, tmin is 0, tmax is FLT_MAX, the mask is 0xff, and the flags
- * are 0. The function works at any magnitude that floats have, and for scenes without any usable triangle.
+ * triangles, which for round primitives lie inside these. These triangles are active and, if there are such, thicker
+ * than a few ulps; an instance is chosen with a probability in proportion to its number of primitives. A ray starts
+ * nearer to its triangle if an ulp of the direction would make it miss from outside. Rays with odd numbers start at
+ * random points of the box, slightly enlarged, in random directions. All directions are unit vectors, tmin is 0, tmax
+ * is FLT_MAX, the mask is 0xff, and the flags are 0. The function works at any magnitude that floats have, and for
+ * scenes without any usable triangle.
  */
 void rays_make(const struct oracle_mesh *meshes, uint32_t mesh_count, uint64_t seed, uint32_t count,
                struct ray *ret_rays);

@@ -348,7 +348,7 @@ static struct oracle_mesh *add_oracle_meshes(const struct import *import, uint32
         const struct import_mesh *mesh = &import->meshes[bottom->meshes[i]];
         *next++ = (struct oracle_mesh){.positions = mesh->positions,
                                        .indices = mesh->indices,
-                                       .triangle_count = mesh->triangle_count,
+                                       .primitive_count = mesh->triangle_count,
                                        .transform = transform,
                                        .instance = instance,
                                        .geometry = i};

@@ -29,7 +29,7 @@ static void add_meshes(struct unpacked *unpacked, const struct structure *bottom
         const struct structure_geometry *geometry = &bottom->geometries[i];
         unpacked->meshes[unpacked->mesh_count++] =
             (struct oracle_mesh){.positions = positions + UINT64_C(9) * geometry->first_primitive,
-                                 .triangle_count = geometry->primitive_count,
+                                 .primitive_count = geometry->primitive_count,
                                  .transform = instance ? instance->object_to_world : NULL,
                                  .instance = instance ? instance->instance : RAY_NO_INSTANCE,
                                  .geometry = geometry->geometry};

@@ -63,7 +63,7 @@ struct trial trial_make(struct bench *bench, const struct ply *mesh, uint64_t se
     struct trial trial = {.count = rays, .memory = &bench->memory};
     const struct oracle_mesh own = {.positions = mesh->positions,
                                     .indices = mesh->indices,
-                                    .triangle_count = mesh->triangle_count,
+                                    .primitive_count = mesh->triangle_count,
                                     .instance = RAY_NO_INSTANCE};
     trial.rays = tree_need(rays, sizeof *trial.rays);
     trial.answers = tree_need(rays, sizeof *trial.answers);

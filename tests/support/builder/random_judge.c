@@ -16,9 +16,9 @@ enum { RAYS = 200, VARIANT_STEP = 4 }; /* one ray in VARIANT_STEP is traced in m
 static void aim_at_corner(const struct oracle_mesh *meshes, uint32_t mesh_count, struct random *random, struct ray *ray)
 {
     const struct oracle_mesh *mesh = &meshes[random_below(random, mesh_count)];
-    if (!mesh->triangle_count || mesh->transform)
+    if (!mesh->primitive_count || mesh->transform)
         return;
-    const float *corner = mesh->positions + (uint64_t)3 * random_below(random, 3 * mesh->triangle_count);
+    const float *corner = mesh->positions + (uint64_t)3 * random_below(random, 3 * mesh->primitive_count);
     float direction[3];
     for (int axis = 0; axis < 3; axis++) {
         direction[axis] = corner[axis] - ray->origin[axis];
@@ -212,7 +212,8 @@ static struct oracle_mesh boxes_as_triangles(const struct random_meaning *meanin
         const float triangle[9] = {box[0], box[1], box[2], box[3], box[4], box[5], box[0], box[4], box[2]};
         memcpy(corners + 9 * (size_t)i, triangle, sizeof triangle);
     }
-    return (struct oracle_mesh){corners, NULL, meaning->count, NULL, RAY_NO_INSTANCE, 0};
+    return (struct oracle_mesh){
+        .positions = corners, .primitive_count = meaning->count, .instance = RAY_NO_INSTANCE};
 }
 
 /* ---- whole scenes ---- */
@@ -221,7 +222,7 @@ static struct oracle_mesh mesh_of(const struct random_input *bottom, uint32_t ge
 {
     const struct random_meaning *meaning = &bottom->meanings[geometry];
     return (struct oracle_mesh){.positions = (const float *)meaning->corners,
-                                .triangle_count = meaning->count,
+                                .primitive_count = meaning->count,
                                 .instance = RAY_NO_INSTANCE,
                                 .geometry = geometry};
 }

@@ -156,7 +156,11 @@ void random_top_mean(struct random_top *top, uint32_t cull_mask)
             const float *corners =
                 instance->flags & INSTANCE_FLIP_FACING ? flip(top, b, g) : (const float *)meaning->corners;
             top->meshes[top->mesh_count++] =
-                (struct oracle_mesh){corners, NULL, meaning->count, instance->transform, i, g};
+                (struct oracle_mesh){.positions = corners,
+                                     .primitive_count = meaning->count,
+                                     .transform = instance->transform,
+                                     .instance = i,
+                                     .geometry = g};
         }
     }
 }

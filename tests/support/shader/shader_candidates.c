@@ -111,7 +111,7 @@ static bool is_triangle_right(const struct scene *scene, const struct ray *ray, 
         if (meshes.meshes[i].instance == hit->instance && meshes.meshes[i].geometry == hit->geometry) {
             one[count] = meshes.meshes[i];
             one[count].positions += 9 * (size_t)hit->primitive;
-            one[count++].triangle_count = 1;
+            one[count++].primitive_count = 1;
         }
     if (count && oracle_trace(one, count, ray, 1, memory, &parallel_serial, NULL, NULL, &answer, &error) == BVHD_OK) {
         is_right = oracle_judge(&answer, is_candidate ? &moved : NULL, NULL) <= ORACLE_UNDECIDED;

@@ -89,9 +89,9 @@ static float *keep_positions(struct shader_meshes *meshes, float *positions)
 
 static float *copy_accepted(const struct oracle_mesh *mesh)
 {
-    float *copy = allocate(UINT64_C(9) * mesh->triangle_count, sizeof *copy);
-    memcpy(copy, mesh->positions, (size_t)36 * mesh->triangle_count);
-    for (uint32_t i = 0; i < mesh->triangle_count; i++)
+    float *copy = allocate(UINT64_C(9) * mesh->primitive_count, sizeof *copy);
+    memcpy(copy, mesh->positions, (size_t)36 * mesh->primitive_count);
+    for (uint32_t i = 0; i < mesh->primitive_count; i++)
         if (!shader_policy_accepts(mesh->instance, mesh->geometry, i))
             copy[UINT64_C(9) * i] = NAN;
     return copy;
@@ -99,8 +99,8 @@ static float *copy_accepted(const struct oracle_mesh *mesh)
 
 static float *copy_turned(const struct oracle_mesh *mesh)
 {
-    float *copy = allocate(UINT64_C(9) * mesh->triangle_count, sizeof *copy);
-    for (uint64_t i = 0; i < mesh->triangle_count; i++) {
+    float *copy = allocate(UINT64_C(9) * mesh->primitive_count, sizeof *copy);
+    for (uint64_t i = 0; i < mesh->primitive_count; i++) {
         memcpy(copy + 9 * i, mesh->positions + 9 * i, 12);
         memcpy(copy + 9 * i + 3, mesh->positions + 9 * i + 6, 12);
         memcpy(copy + 9 * i + 6, mesh->positions + 9 * i + 3, 12);
@@ -140,7 +140,7 @@ static void add_bottom(struct shader_meshes *meshes, const struct shader_case *r
         const struct portable_geometry *geometry = &view->geometries[g];
         struct oracle_mesh mesh = {
             .positions = positions + UINT64_C(9) * geometry->first_primitive,
-            .triangle_count = geometry->primitive_count,
+            .primitive_count = geometry->primitive_count,
             .transform = instance ? instance->object_to_world : NULL,
             .instance = instance ? instance->instance : RAY_NO_INSTANCE,
             .geometry = g,

@@ -20,7 +20,10 @@ static struct ray make_ray(float ox, float oy, float oz, float dx, float dy, flo
 
 static struct oracle_mesh make_mesh(const float *positions, const uint32_t *indices, uint32_t triangle_count)
 {
-    return (struct oracle_mesh){positions, indices, triangle_count, NULL, RAY_NO_INSTANCE, 0};
+    return (struct oracle_mesh){.positions = positions,
+                                .indices = indices,
+                                .primitive_count = triangle_count,
+                                .instance = RAY_NO_INSTANCE};
 }
 
 static struct oracle_answer ask(const struct oracle_mesh *meshes, uint32_t count, struct ray ray)
@@ -182,7 +185,7 @@ static void inner_edges_and_corners_are_certain(void **state)
         assert_int_equal(answer.tied[0].primitive + answer.tied[answer.tied_count - 1].primitive,
                          answer.tied_count == 1 ? 2 : 3);
         forget(&answer);
-        mesh.triangle_count = 3; /* the centre is on the boundary now */
+        mesh.primitive_count = 3; /* the centre is on the boundary now */
         assert_int_equal(outcome_of(&mesh, 1, make_ray(0.125f, 0.0625f, 1, 0, 0, -1)), ORACLE_UNCERTAIN);
         assert_int_equal(outcome_of(&mesh, 1, make_ray(1, 0, 1, 0, 0, -1)), ORACLE_UNCERTAIN);
         assert_int_equal(outcome_of(&mesh, 1, make_ray(-0.75f, 0, 1, 0, 0, -1)), ORACLE_MISS);
@@ -344,7 +347,12 @@ static void make_scene(struct oracle_mesh meshes[3], struct ray rays[SCENE_RAYS]
     make_torus(positions, indices);
     const float *transforms[3] = {NULL, scene_matrix, mirror};
     for (uint32_t i = 0; i < 3; i++)
-        meshes[i] = (struct oracle_mesh){positions, indices, SCENE_TRIANGLES, transforms[i], i, i % 2};
+        meshes[i] = (struct oracle_mesh){.positions = positions,
+                                         .indices = indices,
+                                         .primitive_count = SCENE_TRIANGLES,
+                                         .transform = transforms[i],
+                                         .instance = i,
+                                         .geometry = i % 2};
     rays_make(meshes, 3, 5, SCENE_RAYS, rays);
     for (uint32_t i = 0; i < SCENE_RAYS; i += 3)
         for (int axis = 0; axis < 3; axis++)

@@ -25,7 +25,7 @@ static void watch(void *context, uint64_t done, uint64_t total)
 static struct oracle_mesh make_mesh(void)
 {
     uint64_t state = 9;
-    struct oracle_mesh mesh = {.positions = positions, .triangle_count = TRIANGLES};
+    struct oracle_mesh mesh = {.positions = positions, .primitive_count = TRIANGLES};
     for (int i = 0; i < TRIANGLES * 9; i++)
         positions[i] = (float)(10 * rays_uniform(&state)) + (i % 9 < 3 ? 0 : (float)rays_uniform(&state));
     rays_make(&mesh, 1, 4, RAYS, rays);

@@ -53,7 +53,7 @@ static struct specimen make_specimen(double scale, double offset, uint64_t *stat
 static union oracle_subject oracle_view(const struct specimen *s)
 {
     const struct oracle_mesh mesh = {
-        .positions = s->corners[0], .triangle_count = 1, .transform = s->transformed ? s->matrix : NULL};
+        .positions = s->corners[0], .primitive_count = 1, .transform = s->transformed ? s->matrix : NULL};
     union oracle_subject subject;
     assert_true(oracle_triangles.fetch(&mesh, 0, &subject));
     return subject;

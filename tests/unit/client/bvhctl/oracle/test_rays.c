@@ -29,12 +29,15 @@ static void sheet_init(struct sheet *sheet, double scale, double offset)
         const uint32_t quad[6] = {at, at + 1, at + SIDE + 2, at, at + SIDE + 2, at + SIDE + 1};
         memcpy(sheet->indices + 6 * i, quad, sizeof quad);
     }
-    sheet->mesh = (struct oracle_mesh){sheet->positions, sheet->indices, TRIANGLES, NULL, RAY_NO_INSTANCE, 0};
+    sheet->mesh = (struct oracle_mesh){.positions = sheet->positions,
+                                       .indices = sheet->indices,
+                                       .primitive_count = TRIANGLES,
+                                       .instance = RAY_NO_INSTANCE};
 }
 
 static bool hits_any(const struct oracle_mesh *mesh, const struct ray *ray)
 {
-    for (uint32_t i = 0; i < mesh->triangle_count; i++) {
+    for (uint32_t i = 0; i < mesh->primitive_count; i++) {
         struct moved exact;
         long double t;
         for (int k = 0; k < 9; k++) {
@@ -184,7 +187,7 @@ static void instances_are_aimed_at_where_they_stand(void **state)
     struct oracle_mesh meshes[2] = {sheet.mesh, sheet.mesh};
     meshes[0].transform = matrices[0];
     meshes[1].transform = matrices[1];
-    meshes[1].triangle_count = TRIANGLES / 2;
+    meshes[1].primitive_count = TRIANGLES / 2;
     rays_make(meshes, 2, 4, RAYS, rays);
     int hits[2] = {0, 0};
     for (int k = 0; k < RAYS; k += 2)

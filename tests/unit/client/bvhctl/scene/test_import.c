@@ -195,7 +195,7 @@ static void test_oracle_meshes(void **state)
     for (int i = 0; i < 6; i++) {
         assert_int_equal(meshes[i].instance, instances[i]);
         assert_int_equal(meshes[i].geometry, geometries[i]);
-        assert_int_equal(meshes[i].triangle_count, 1);
+        assert_int_equal(meshes[i].primitive_count, 1);
         assert_ptr_equal(meshes[i].transform, import.instances[instances[i]].transform);
     }
     memory_free(&memory, meshes);
