@@ -25,10 +25,9 @@ enum bvhd_status kind_check_index_type(const struct validate_subject *subject, u
 enum bvhd_status kind_check_spheres(const struct validate_subject *subject, const struct geometry_spheres *spheres,
                                     const struct kind_rules *rules);
 
-/*
- * Returns how many vertices lie between the least and the greatest one that any indices can name, at the most. All
- * vertices are equal if both strides are 0, and count as one.
- */
+/* Returns whether all vertices are one and the same, because both strides are 0. */
+bool kind_is_one_sphere(const struct geometry_spheres *spheres);
+/* Returns how many vertices lie between the least and the greatest one that any indices can name, at the most. */
 uint64_t kind_named_spheres(const struct geometry_spheres *spheres);
 
 /* Refuses a format that the field may not have. */

@@ -29,13 +29,16 @@ static uint64_t elements_of(struct bytes array, uint64_t stride)
     return stride == 0 ? UINT64_MAX : array.size / stride + (array.size % stride != 0);
 }
 
+bool kind_is_one_sphere(const struct geometry_spheres *spheres)
+{
+    return spheres->vertex_stride == 0 && spheres->radius_stride == 0;
+}
+
 uint64_t kind_named_spheres(const struct geometry_spheres *spheres)
 {
     uint64_t most = spheres->index_type == INDEX_UINT16 ? UINT64_C(1) << 16 : UINT64_C(1) << 32;
     uint64_t centres = elements_of(spheres->vertices, spheres->vertex_stride);
     uint64_t radii = elements_of(spheres->radii, spheres->radius_stride);
-    if (spheres->vertex_stride == 0 && spheres->radius_stride == 0)
-        return 1;
     most = centres < most ? centres : most;
     return radii < most ? radii : most;
 }

@@ -20,8 +20,11 @@ static enum bvhd_status check_shape(const struct validate_subject *subject)
 
 static uint64_t vertices(const struct geometry *geometry)
 {
-    if (geometry->range.primitive_count == 0 || geometry->spheres.index_type == INDEX_NONE)
-        return geometry->range.primitive_count;
+    const uint32_t count = geometry->range.primitive_count;
+    if (count > 0 && kind_is_one_sphere(&geometry->spheres))
+        return 1;
+    if (count == 0 || geometry->spheres.index_type == INDEX_NONE)
+        return count;
     return kind_named_spheres(&geometry->spheres);
 }
 

@@ -43,8 +43,11 @@ static enum bvhd_status check_shape(const struct validate_subject *subject)
 static uint64_t vertices(const struct geometry *geometry)
 {
     const struct geometry_swept_spheres *swept = &geometry->swept_spheres;
-    if (geometry->range.primitive_count == 0 || swept->indexing_mode != SWEPT_SUCCESSIVE)
-        return 2 * (uint64_t)geometry->range.primitive_count;
+    const uint32_t count = geometry->range.primitive_count;
+    if (count > 0 && kind_is_one_sphere(&swept->ends))
+        return 2;
+    if (count == 0 || swept->indexing_mode != SWEPT_SUCCESSIVE)
+        return 2 * (uint64_t)count;
     return kind_named_spheres(&swept->ends) + 1;
 }
 

@@ -89,6 +89,8 @@ static void vertices_of_spheres_are_counted(void **state)
     expect_vertices(geometry, 0, 0);
     expect_vertices(geometry, 7, 7);
     expect_vertices(geometry, UINT32_MAX, UINT32_MAX);
+    geometry.spheres.radius_stride = geometry.spheres.vertex_stride = 0;
+    expect_vertices(geometry, 7, 1);
     geometry = make_spheres(INDEX_UINT32);
     expect_vertices(geometry, 0, 0);
     expect_vertices(geometry, 7, 100);
@@ -114,6 +116,14 @@ static void ends_of_swept_spheres_are_counted(void **state)
     expect_vertices(make_swept(INDEX_UINT16, SWEPT_LIST), 1000, 2000);
     expect_vertices(make_swept(INDEX_UINT32, SWEPT_SUCCESSIVE), 0, 0);
     expect_vertices(make_swept(INDEX_UINT32, SWEPT_SUCCESSIVE), 1000, 101);
+    struct geometry geometry = make_swept(INDEX_UINT32, SWEPT_LIST);
+    geometry.swept_spheres.ends.vertex_stride = 0;
+    expect_vertices(geometry, 1000, 2000);
+    geometry.swept_spheres.ends.radius_stride = 0;
+    expect_vertices(geometry, 1000, 2);
+    expect_vertices(geometry, 0, 0);
+    geometry.swept_spheres.indexing_mode = SWEPT_SUCCESSIVE;
+    expect_vertices(geometry, 1000, 2);
 }
 
 /* Checks the shape of a geometry twice: with its strides, and without. */
