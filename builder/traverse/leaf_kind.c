@@ -6,4 +6,6 @@ const struct leaf_kind *const leaf_kinds[PORTABLE_CONTENTS] = {
     [PORTABLE_TRIANGLES] = &leaf_triangles,
     [PORTABLE_AABBS] = &leaf_aabbs,
     [PORTABLE_INSTANCES] = &leaf_instances,
+    [PORTABLE_SPHERES] = &leaf_spheres,
+    [PORTABLE_SWEPT_SPHERES] = &leaf_swept_spheres,
 };

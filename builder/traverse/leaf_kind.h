@@ -13,6 +13,8 @@ struct leaf_kind {
     uint32_t skip_flag; /* the RAY_SKIP_ flag of rays that skip the primitives; 0: these are instances */
     bool is_top; /* they hold instances, so that the structure is a top level */
     bool is_triangles; /* they hold triangles, which rays meet with a triangle_ray, and whose facing counts */
+    /* Prepares the state's ray for the primitives. NULL: there is nothing to prepare, or is_triangles says it. */
+    void (*prepare)(struct traverse_state *state);
     bool can_unpack; /* unpacked_fill() takes such structures */
     traverse_leaf visit;
 
@@ -23,7 +25,7 @@ struct leaf_kind {
     void (*grow)(const struct portable_view *view, uint32_t first, uint32_t count, struct box *box);
 };
 
-extern const struct leaf_kind leaf_triangles, leaf_aabbs, leaf_instances;
+extern const struct leaf_kind leaf_triangles, leaf_aabbs, leaf_instances, leaf_spheres, leaf_swept_spheres;
 
 /* The rows by enum portable_content. */
 extern const struct leaf_kind *const leaf_kinds[PORTABLE_CONTENTS];

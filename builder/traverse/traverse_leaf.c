@@ -178,6 +178,13 @@ void traverse_leaf_triangle(struct traverse_state *state, uint32_t record, uint6
         traverse_leaf_hit(state, record, id, is_opaque, &hit);
 }
 
+void traverse_leaf_round(struct traverse_state *state, uint32_t record, uint64_t id, bool is_opaque, double t, double u)
+{
+    const struct traverse_found found = {
+        .t = t, .u = u, .id = id, .record = record, .is_opaque = is_opaque, .front_face = true};
+    consider(state, found);
+}
+
 void traverse_leaf_aabb(struct traverse_state *state, uint32_t record, uint64_t id, bool is_opaque, const float min[3],
                         const float max[3])
 {

@@ -5,12 +5,13 @@
  * A layout's traversal provides the walk over its nodes and the reading of its leaves. For each bottom level that the
  * ray reaches it calls traverse_state_enter (before that, traverse_state_to_object if the bottom level belongs to an
  * instance). Then it passes the primitives of each leaf that the ray may meet at a distance of at most the state's tmax
- * to traverse_leaf_triangle, traverse_leaf_hit or traverse_leaf_aabb, until is_done is set.
+ * to traverse_leaf_triangle, traverse_leaf_hit, traverse_leaf_round or traverse_leaf_aabb, until is_done is set.
  */
 #ifndef BVHD_TRAVERSE_STATE_H
 #define BVHD_TRAVERSE_STATE_H
 
 #include "builder/traverse/boxtest.h"
+#include "builder/traverse/round_ray.h"
 #include "builder/traverse/traverse.h"
 #include "builder/traverse/triangle.h"
 
@@ -60,7 +61,8 @@ struct traverse_state {
     enum traverse_opacity opacity;
     const float *object_to_world; /* of the instance; NULL if there is no top level */
     double origin[3], direction[3];
-    struct triangle_ray triangle_ray;
+    struct triangle_ray triangle_ray; /* if its primitives are triangles */
+    struct round_ray round_ray; /* if they are spheres or linear swept spheres */
 };
 
 /* Starts a ray, which is in no space yet. Returns false if its interval is empty, so that nothing is hit. */
@@ -165,6 +167,9 @@ void traverse_leaf_triangle(struct traverse_state *state, uint32_t record, uint6
 /* Does the same for a triangle that the ray's line meets. Nothing happens unless tmin < t <= the state's tmax. */
 void traverse_leaf_hit(struct traverse_state *state, uint32_t record, uint64_t id, bool is_opaque,
                        const struct triangle_hit *hit);
+/* Does the same for a sphere or a linear swept sphere that the ray's line enters at t. */
+void traverse_leaf_round(struct traverse_state *state, uint32_t record, uint64_t id, bool is_opaque, double t,
+                         double u);
 void traverse_leaf_aabb(struct traverse_state *state, uint32_t record, uint64_t id, bool is_opaque, const float min[3],
                         const float max[3]);
 

@@ -1,0 +1,50 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "builder/traverse/swept_sphere.h"
+
+#include "builder/traverse/sphere.h"
+
+/* What one precision says: the line enters the side, can enter one cap alone, or one end is all that there is. */
+enum swept_answer { SWEPT_MISSED, SWEPT_SIDE, SWEPT_FIRST, SWEPT_SECOND, SWEPT_SWALLOWED, SWEPT_OPEN };
+
+#include "builder/traverse/round_real.h"
+#include "builder/traverse/swept_sphere_steps.h"
+
+#define ROUND_TWOFOLD
+#include "builder/traverse/round_real.h"
+#include "builder/traverse/swept_sphere_steps.h"
+
+static bool meet_end(const struct round_ray *ray, const float *const ends[2], unsigned end, unsigned caps,
+                     struct swept_sphere_hit *ret_hit)
+{
+    if (!(caps >> end & 1) || !sphere_intersect(ray, ends[end], &ret_hit->t))
+        return false;
+    ret_hit->u = end;
+    return true;
+}
+
+static bool is_finite(const float end[4])
+{
+    return isfinite(end[0]) && isfinite(end[1]) && isfinite(end[2]) && isfinite(end[3]);
+}
+
+bool swept_sphere_intersect(const struct round_ray *ray, const float first[4], const float second[4], unsigned caps,
+                            struct swept_sphere_hit *ret_hit)
+{
+    const float *const ends[2] = {first, second};
+    if (!is_finite(first) || !is_finite(second) || !(first[3] >= 0 && second[3] >= 0 && first[3] + second[3] > 0))
+        return false;
+    enum swept_answer answer = enter_swept_double(ray, first, second, ret_hit);
+    if (answer == SWEPT_OPEN)
+        answer = enter_swept_twofold(ray, first, second, ret_hit);
+    switch (answer) {
+    case SWEPT_SIDE:
+        return isfinite(ret_hit->t);
+    case SWEPT_FIRST:
+    case SWEPT_SECOND:
+        return meet_end(ray, ends, answer == SWEPT_SECOND, caps, ret_hit);
+    case SWEPT_SWALLOWED:
+        return meet_end(ray, ends, second[3] > first[3], caps, ret_hit);
+    default:
+        return false;
+    }
+}
