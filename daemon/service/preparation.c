@@ -5,6 +5,7 @@
 
 #include "proto/base/kind.h"
 #include "proto/base/place.h"
+#include "builder/input/input_kind.h"
 #include "builder/input/prepare.h"
 #include "builder/input/validate.h"
 
@@ -41,11 +42,19 @@ static uint64_t geometry_vertex_bytes(const struct geometry *geometry)
     return product(kind->vertices(geometry), kind->vertex_bytes);
 }
 
+/* Returns the bytes that the reading of a geometry takes beside its copy. */
+static uint64_t scratch_bytes(const struct geometry *geometry)
+{
+    const struct input_kind *kind = input_kind_of(geometry->type);
+    return kind->scratch ? product(kind->scratch(geometry), sizeof(uint32_t)) : 0;
+}
+
 static uint64_t geometry_bound(const struct geometry *geometry)
 {
     const struct kind *kind = kind_find(geometry->type);
     uint64_t count = geometry->range.primitive_count;
     uint64_t arrays = sum(product(count, kind->primitive_bytes), geometry_vertex_bytes(geometry));
+    arrays = sum(arrays, scratch_bytes(geometry));
     return kind->is_top ? sum(arrays, product(count, INSTANCE_BYTES)) : arrays;
 }
 

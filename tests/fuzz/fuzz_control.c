@@ -128,7 +128,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 static size_t build_sample(uint8_t kind, const struct build_input *const *inputs, uint32_t count, uint8_t *ret_bytes)
 {
     static unsigned char payloads[FUZZ_ROOM];
-    struct control_item items[4] = {0};
+    struct control_item items[8] = {0};
     struct control_build build = {.item_count = count, .items = items};
     uint64_t end = 0, size;
     for (uint32_t i = 0; i < count; i++) {
@@ -176,21 +176,26 @@ static uint8_t build_kind(void)
 }
 
 /*
- * Samples are one message of each kind, and 16 builds of four kinds: most mutations should be of builds, because most
- * can go wrong there.
+ * Samples are one message of each kind, and 24 builds: four of each kind of geometry, and four of all. Most mutations
+ * should be of builds, because most can go wrong there.
  */
 size_t fuzz_sample(uint32_t index, uint8_t *ret_bytes)
 {
-    static struct test_input triangles, boxes, instances;
-    static const struct build_input *const all[] = {&triangles.input, &boxes.input, &instances.input};
+    enum { KINDS = 5 };
+    static struct test_input triangles, boxes, instances, spheres, swept_spheres;
+    static const struct build_input *const all[KINDS] = {&triangles.input, &boxes.input, &instances.input,
+                                                         &spheres.input, &swept_spheres.input};
     inputs_triangles(&triangles);
     inputs_aabbs(&boxes);
     inputs_instances(&instances);
+    inputs_spheres(&spheres);
+    inputs_swept_spheres(&swept_spheres);
     if (index < MESSAGES_KINDS)
         return message_sample((uint8_t)index, ret_bytes);
     index -= MESSAGES_KINDS;
-    if (index >= 16)
+    if (index >= 4 * (KINDS + 1))
         return 0;
-    return index % 4 < 3 ? build_sample(build_kind(), &all[index % 4], 1, ret_bytes)
-                         : build_sample(build_kind(), all, 3, ret_bytes);
+    uint32_t which = index % (KINDS + 1);
+    return which < KINDS ? build_sample(build_kind(), &all[which], 1, ret_bytes)
+                         : build_sample(build_kind(), all, KINDS, ret_bytes);
 }

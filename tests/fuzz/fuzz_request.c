@@ -283,7 +283,7 @@ struct way {
 static void add_build(struct program *program, const struct way *way, struct build_input *const *inputs, uint32_t count)
 {
     static unsigned char payload[FUZZ_ROOM];
-    struct control_item items[4];
+    struct control_item items[8];
     struct control_build build = {.item_count = count, .items = items, .deadline_ms = 60000};
     struct step step = {.type = FRAME_BUILD, .flags = way->flags, .request = way->request};
     uint64_t end = 0, size;
@@ -364,17 +364,21 @@ static void add_questions(struct program *program, uint8_t flags)
 size_t fuzz_sample(uint32_t index, uint8_t *ret_bytes)
 {
     static const enum control_source sources[] = {SOURCE_INLINE, SOURCE_MEMFD, SOURCE_POOL};
-    static struct test_input triangles, boxes, instances;
-    struct build_input *inputs[] = {&triangles.input, &boxes.input, &instances.input};
+    enum { KINDS = 5, WAYS = 3 * KINDS };
+    static struct test_input triangles, boxes, instances, spheres, swept_spheres;
+    struct build_input *inputs[KINDS] = {&triangles.input, &boxes.input, &instances.input, &spheres.input,
+                                         &swept_spheres.input};
     struct program program = {ret_bytes, 0};
-    if (index >= 18)
+    if (index >= 2 * WAYS)
         return 0;
     inputs_triangles(&triangles);
     inputs_aabbs(&boxes);
     inputs_instances(&instances);
-    struct build_input **own = &inputs[index % 3];
+    inputs_spheres(&spheres);
+    inputs_swept_spheres(&swept_spheres);
+    struct build_input **own = &inputs[index % KINDS];
     struct way way = {
-        .source = sources[index / 3 % 3], .request = 1, .target = index < 9 ? TARGET_PORTABLE : TARGET_LAVAPIPE};
+        .source = sources[index / KINDS % 3], .request = 1, .target = index < WAYS ? TARGET_PORTABLE : TARGET_LAVAPIPE};
     add_hello(&program, 0);
     if (way.source == SOURCE_POOL)
         add_pool(&program, *own);
@@ -385,7 +389,7 @@ size_t fuzz_sample(uint32_t index, uint8_t *ret_bytes)
     add_get(&program, FLAG_SETTLE | FLAG_KEY, 3);
     add_hello(&program, FLAG_CLIENT);
     way = (struct way){SOURCE_MEMFD, FLAG_CLIENT | FLAG_HOLD, 4, false, way.target};
-    add_build(&program, &way, inputs, index % 2 ? 3 : 2);
+    add_build(&program, &way, inputs, index % 2 ? KINDS : 2);
     add_cancel(&program, FLAG_CLIENT | (index % 2 ? FLAG_HOLD : FLAG_LATE), 4);
     add_questions(&program, FLAG_CLIENT);
     return program.size;

@@ -14,6 +14,7 @@
 #include "daemon/service/preparation.h"
 #include "builder/input/prepare.h"
 #include "tests/support/builder/random_input.h"
+#include "proto/base/vertex_element.h"
 #include "proto/wire/rows.h"
 
 static struct memory memory;
@@ -96,7 +97,8 @@ static void check_key(const struct preparation *preparation, const struct build_
     batch_finish(&item, 1, &memory);
 }
 
-static void (*const makers[])(struct test_input *) = {inputs_triangles, inputs_aabbs, inputs_instances};
+static void (*const makers[])(struct test_input *) = {inputs_triangles, inputs_aabbs, inputs_instances, inputs_spheres,
+                                                      inputs_swept_spheres};
 
 static void test_each_kind(void **state)
 {
@@ -181,6 +183,58 @@ static void test_bounds_hold(void **state)
         check_bound(&input.input);
         random_input_finish(&input);
     }
+}
+
+/* The indices are more than the room that small copies have when they are moved. */
+enum { ENDS = 5000, SWEPT = 1 << 20 };
+
+/* Makes linear swept spheres: bit 0: successive; 1: of neighbours; 2: 16-bit indices. Random pairs are gathered. */
+static struct geometry make_swept(int variant, const float (*vertices)[4], uint32_t *indices)
+{
+    const bool near = variant & 2, narrow = variant & 4;
+    for (uint32_t i = 0; i < 2 * SWEPT; i++) {
+        const uint32_t value = near ? (i / 2 + i % 2) % (ENDS - 1) : i * 2654435761u % (ENDS - 1);
+        if (narrow)
+            ((uint16_t *)(void *)indices)[i] = (uint16_t)value;
+        else
+            indices[i] = value;
+    }
+    struct geometry geometry = {.type = GEOMETRY_SWEPT_SPHERES, .range = {.primitive_count = SWEPT}};
+    geometry.swept_spheres.indexing_mode = variant & 1 ? SWEPT_SUCCESSIVE : SWEPT_LIST;
+    geometry.swept_spheres.ends = (struct geometry_spheres){
+        .vertex_format = 106,
+        .radius_format = RADIUS_FLOAT32,
+        .index_type = narrow ? INDEX_UINT16 : INDEX_UINT32,
+        .vertex_stride = sizeof *vertices,
+        .radius_stride = sizeof *vertices,
+        .index_stride = narrow ? 2 : 4,
+        .vertices = {(const unsigned char *)vertices, ENDS * sizeof *vertices},
+        .radii = {(const unsigned char *)&vertices[0][3], ENDS * sizeof *vertices - 3 * sizeof(float)},
+        .indices = {(const unsigned char *)indices, 2 * SWEPT * sizeof *indices},
+    };
+    return geometry;
+}
+
+/* The bound includes the indices, which are kept until all of them have been read. */
+static void test_bounds_of_swept_spheres_hold(void **state)
+{
+    (void)state;
+    float(*vertices)[4] = calloc(ENDS, sizeof *vertices);
+    uint32_t *indices = calloc((size_t)2 * SWEPT, sizeof *indices);
+    assert_true(vertices && indices);
+    for (uint32_t i = 0; i < ENDS; i++)
+        vertices[i][0] = vertices[i][3] = (float)(i + 1);
+    for (int variant = 0; variant < 16; variant++) {
+        struct geometry geometry = make_swept(variant, (const float(*)[4])vertices, indices);
+        struct build_input input = {.type = STRUCTURE_BOTTOM,
+                                    .flags = variant & 8 ? BUILD_ALLOW_UPDATE : 0,
+                                    .geometry_count = 1,
+                                    .geometries = &geometry,
+                                    .options = {.target = TARGET_PORTABLE}};
+        check_bound(&input);
+    }
+    free(indices);
+    free(vertices);
 }
 
 /* The input has many instances and references, most of which are referred to. */
@@ -442,6 +496,34 @@ static void test_attachments_that_nobody_opens_are_closed(void **state)
 
 #define TEST(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
 
+/* Hair and points, whose vertices have 16 bytes: successive ends with indices, and spheres without. */
+static void test_the_guess_suits_round_primitives(void **state)
+{
+    (void)state;
+    for (uint32_t count = 32; count < 2000000; count = count * 5) {
+        const uint64_t ends = count + count / 32, end_bytes = 16 * ends;
+        const struct geometry_spheres described = {.vertex_format = 106,
+                                                   .radius_format = RADIUS_FLOAT32,
+                                                   .index_type = INDEX_NONE,
+                                                   .vertex_stride = 16,
+                                                   .radius_stride = 16,
+                                                   .index_stride = 4,
+                                                   .vertices = {NULL, end_bytes},
+                                                   .radii = {NULL, end_bytes}};
+        struct geometry swept = {.type = GEOMETRY_SWEPT_SPHERES, .range = {.primitive_count = count}};
+        struct geometry spheres = {.type = GEOMETRY_SPHERES, .range = {.primitive_count = (uint32_t)ends}};
+        spheres.spheres = swept.swept_spheres.ends = described;
+        swept.swept_spheres.indexing_mode = SWEPT_SUCCESSIVE;
+        swept.swept_spheres.ends.index_type = INDEX_UINT32;
+        const struct build_input hair = {.type = STRUCTURE_BOTTOM, .geometry_count = 1, .geometries = &swept},
+                                 points = {.type = STRUCTURE_BOTTOM, .geometry_count = 1, .geometries = &spheres};
+        struct control_item hair_item = item_of(&hair, ROWS_GEOMETRY_SIZE + end_bytes + (uint64_t)count * 4);
+        struct control_item points_item = item_of(&points, ROWS_GEOMETRY_SIZE + end_bytes);
+        assert_true(preparation_bound(&hair) <= preparation_guess(&hair_item));
+        assert_true(preparation_bound(&points) <= preparation_guess(&points_item));
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -449,6 +531,8 @@ int main(void)
         TEST(test_hints),
         TEST(test_it_asks_for_what_it_needs),
         TEST(test_bounds_hold),
+        TEST(test_the_guess_suits_round_primitives),
+        TEST(test_bounds_of_swept_spheres_hold),
         TEST(test_bounds_of_top_levels_hold),
         TEST(test_the_guess_suits_ordinary_payloads),
         TEST(test_the_guess_suits_meshes_without_indices_and_top_levels),
