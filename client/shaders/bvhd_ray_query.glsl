@@ -21,9 +21,18 @@
  *
  * The root is the location of a top level's body, or of a bottom level's alone.
  *
+ * With BVHD_ROUND defined, spheres and linear swept spheres can be hit. That takes registers and instructions which
+ * other scenes do not need, so it has to be asked for: without BVHD_ROUND, rays pass through structures of these kinds
+ * as if they were empty. Their candidates are confirmed as those of triangles are, so the loop above is right for them,
+ * too. A shader that is never given a structure of these kinds may define BVHD_NOTHING_ROUND, and saves a comparison
+ * for each structure that a ray enters.
+ *
  * The semantics are Vulkan's: opaque triangles are committed without a candidate, other triangles and AABBs are
- * candidates; triangles are hit for tmin < t < tmax, AABBs for tmin <= t <= tmax; facing is decided in object space. A
- * candidate is offered only while it may still be the answer. With split references a candidate may be offered more
+ * candidates; triangles are hit for tmin < t < tmax, AABBs for tmin <= t <= tmax; facing is decided in object space.
+ * Spheres and linear swept spheres are hit as triangles are, where the ray enters them from outside; facing has no
+ * effect on them, and BVHD_RAY_FLAGS_SKIP_TRIANGLES skips them.
+ *
+ * A candidate is offered only while it may still be the answer. With split references a candidate may be offered more
  * than once, unless its geometry has NO_DUPLICATE_ANY_HIT. Of equal t, the lowest (instance, geometry, primitive) wins.
  * The answers are those of the CPU (traverse.h), except for rays that a last bit decides.
  *
@@ -40,6 +49,9 @@
 #include "bvhd_structure.glsl"
 #include "bvhd_box.glsl"
 #include "bvhd_triangle.glsl"
+#ifdef BVHD_ROUND
+#include "bvhd_round.glsl"
+#endif
 
 #ifndef BVHD_QUERIES
 #define BVHD_QUERIES 1
@@ -59,9 +71,13 @@ const uint BVHD_RAY_FLAGS_SKIP_AABBS = 0x200u;
 
 const uint BVHD_CANDIDATE_TRIANGLE = 0u;
 const uint BVHD_CANDIDATE_AABB = 1u;
+const uint BVHD_CANDIDATE_SPHERE = 2u;
+const uint BVHD_CANDIDATE_SWEPT_SPHERE = 3u;
 const uint BVHD_COMMITTED_NONE = 0u;
 const uint BVHD_COMMITTED_TRIANGLE = 1u;
 const uint BVHD_COMMITTED_GENERATED = 2u;
+const uint BVHD_COMMITTED_SPHERE = 3u;
+const uint BVHD_COMMITTED_SWEPT_SPHERE = 4u;
 
 const uint BVHD_NO_INSTANCE = 0xffffffffu; // there is no top level
 
@@ -129,6 +145,11 @@ bool bvhdEnter(inout BvhdRayQuery query, uvec2 location)
     query.body = bvhdBodyOpen(location, extent);
     BvhdTriangleRay ray = query.triangleRay;
     bool canHit = bvhdBoxRayInit(ray.origin, ray.originLow, ray.direction, query.tmin, extent, query.boxRay);
+#ifdef BVHD_ROUND
+    canHit = canHit && query.body.content <= BVHD_CONTENT_SWEPT_SPHERES;
+#elif !defined BVHD_NOTHING_ROUND
+    canHit = canHit && query.body.content <= BVHD_CONTENT_INSTANCES;
+#endif
     query.levelBottom = query.top;
     query.nodes = uvec2(0u, canHit ? 0x01000001u : 0u);
     query.records = uvec2(0u);
@@ -221,8 +242,13 @@ bool bvhdIsOpaque(BvhdRayQuery query, uint id)
     return (id & BVHD_ID_OPAQUE) != 0u;
 }
 
+// The facing of spheres and linear swept spheres has no effect.
 bool bvhdIsFacingCulled(BvhdRayQuery query, bool isFront)
 {
+#ifdef BVHD_ROUND
+    if (bvhdIsRound(query.body))
+        return false;
+#endif
     bool isFlipped = (query.instanceFlags & BVHD_INSTANCE_FLIP_FACING) != 0u;
     uint culls = isFront != isFlipped ? BVHD_RAY_FLAGS_CULL_FRONT_FACING : BVHD_RAY_FLAGS_CULL_BACK_FACING;
     return (query.instanceFlags & BVHD_INSTANCE_CULL_DISABLE) == 0u && (query.flags & culls) != 0u;
@@ -317,6 +343,19 @@ bool bvhdVisitAabb(inout BvhdRayQuery query, uint record)
     return true;
 }
 
+#ifdef BVHD_ROUND
+// Returns true when the candidate has to be decided exactly; only its record, instance and type are known then.
+bool bvhdVisitRound(inout BvhdRayQuery query, uint record)
+{
+    vec4 ends[2];
+    uint id = bvhdEnds(query.body, record, ends);
+    uint type = query.body.content == BVHD_CONTENT_SPHERES ? BVHD_COMMITTED_SPHERE : BVHD_COMMITTED_SWEPT_SPHERE;
+    query.candidate = BvhdIntersection(vec2(0.0), vec2(0.0), record, query.instance, type, true);
+    return !bvhdIsCulled(query, bvhdIsOpaque(query, id)) &&
+           bvhdRoundMayHit(query.triangleRay, query.tmin, query.far, ends);
+}
+#endif
+
 // Returns true when there is a candidate that has to be decided.
 bool bvhdVisitRecord(inout BvhdRayQuery query)
 {
@@ -324,6 +363,10 @@ bool bvhdVisitRecord(inout BvhdRayQuery query)
     query.records.y &= query.records.y - 1u;
     if (query.body.content == BVHD_CONTENT_AABBS)
         return bvhdVisitAabb(query, record);
+#ifdef BVHD_ROUND
+    if (bvhdIsRound(query.body))
+        return bvhdVisitRound(query, record);
+#endif
     if (query.body.content != BVHD_CONTENT_INSTANCES)
         return bvhdVisitTriangle(query, record);
     bvhdVisitInstance(query, record);
@@ -379,9 +422,30 @@ BvhdTriangleRay bvhdRayOf(BvhdRayQuery query, BvhdIntersection intersection)
     return ray;
 }
 
+#ifdef BVHD_ROUND
+// bvhdPlace for a sphere or a linear swept sphere of the current structure.
+bool bvhdPlaceRound(BvhdRayQuery query, inout BvhdIntersection intersection)
+{
+    vec4 ends[2];
+    BvhdRoundHit hit;
+    uint id = bvhdEnds(query.body, intersection.record, ends);
+    bvec2 hasCaps = bvec2((id & BVHD_ID_CAP_FIRST) != 0u, (id & BVHD_ID_CAP_SECOND) != 0u);
+    bool isSwept = intersection.type == BVHD_COMMITTED_SWEPT_SPHERE;
+    if (!bvhdRoundHit(query.triangleRay, ends, isSwept, hasCaps, hit))
+        return false;
+    intersection.t = hit.t;
+    intersection.barycentrics = vec2(hit.u, 0.0);
+    return true;
+}
+#endif
+
 // Computes where a triangle, given by record and instance, is hit. Returns whether it is hit, at any t.
 bool bvhdPlace(BvhdRayQuery query, inout BvhdIntersection intersection)
 {
+#ifdef BVHD_ROUND
+    if (intersection.type != BVHD_COMMITTED_TRIANGLE)
+        return bvhdPlaceRound(query, intersection);
+#endif
     vec3 v0, v1, v2;
     uint flags = 0u;
     BvhdTriangleHit hit;
@@ -411,9 +475,13 @@ void bvhdPlaceCommitted(inout BvhdRayQuery query)
 // Commits the candidate or drops it; returns true when the caller has to decide.
 bool bvhdDecide(inout BvhdRayQuery query)
 {
-    bool isTriangle = query.candidate.type == BVHD_COMMITTED_TRIANGLE;
+#ifdef BVHD_ROUND
+    bool isBuiltIn = query.candidate.type != BVHD_COMMITTED_GENERATED;
+#else
+    bool isBuiltIn = query.candidate.type == BVHD_COMMITTED_TRIANGLE;
+#endif
     bvhdPlaceCommitted(query);
-    if (isTriangle) {
+    if (isBuiltIn) {
         if (!bvhdPlace(query, query.candidate) || !bvhdIsWithin(query.candidate.t, query.tmin, query.tmax))
             return false;
         bool isFlipped = (query.instanceFlags & BVHD_INSTANCE_FLIP_FACING) != 0u;
@@ -423,7 +491,7 @@ bool bvhdDecide(inout BvhdRayQuery query)
     }
     if (!bvhdIsBetter(query))
         return false;
-    if (!isTriangle || !bvhdIsOpaque(query, bvhdId(query.body, query.candidate.record)))
+    if (!isBuiltIn || !bvhdIsOpaque(query, bvhdId(query.body, query.candidate.record)))
         return true;
     bvhdCommit(query);
     return false;

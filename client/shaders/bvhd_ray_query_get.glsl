@@ -26,6 +26,10 @@ uint bvhdRayQueryGetIntersectionType(BvhdRayQuery query, bool committed)
 {
     if (committed)
         return query.committed.type;
+#ifdef BVHD_ROUND
+    if (query.candidate.type > BVHD_COMMITTED_GENERATED)
+        return query.candidate.type - BVHD_COMMITTED_SPHERE + BVHD_CANDIDATE_SPHERE;
+#endif
     return query.candidate.type == BVHD_COMMITTED_TRIANGLE ? BVHD_CANDIDATE_TRIANGLE : BVHD_CANDIDATE_AABB;
 }
 
@@ -62,6 +66,35 @@ void bvhdRayQueryGetIntersectionTriangleVertexPositions(BvhdRayQuery query, bool
     BvhdIntersection intersection = bvhdIntersection(query, committed);
     bvhdCorners(bvhdBodyOf(query, intersection), intersection.record, positions[0], positions[1], positions[2]);
 }
+
+#ifdef BVHD_ROUND
+// The ends of a linear swept sphere, in object space: a centre each, and its radius in w. Both ends of a sphere are it.
+void bvhdRayQueryGetIntersectionEnds(BvhdRayQuery query, bool committed, out vec4 ends[2])
+{
+    BvhdIntersection intersection = bvhdIntersection(query, committed);
+    bvhdEnds(bvhdBodyOf(query, intersection), intersection.record, ends);
+}
+
+vec3 bvhdRayQueryGetIntersectionSpherePosition(BvhdRayQuery query, bool committed)
+{
+    vec4 ends[2];
+    bvhdRayQueryGetIntersectionEnds(query, committed, ends);
+    return ends[0].xyz;
+}
+
+float bvhdRayQueryGetIntersectionSphereRadius(BvhdRayQuery query, bool committed)
+{
+    vec4 ends[2];
+    bvhdRayQueryGetIntersectionEnds(query, committed, ends);
+    return ends[0].w;
+}
+
+// How far the sphere that touches the point has moved: 0 at the first end, 1 at the second.
+float bvhdRayQueryGetIntersectionSweptSphereHitValue(BvhdRayQuery query, bool committed)
+{
+    return bvhdIntersection(query, committed).barycentrics.x;
+}
+#endif
 
 // Whether an AABB candidate counts as opaque.
 bool bvhdRayQueryGetIntersectionCandidateAABBOpaque(BvhdRayQuery query)

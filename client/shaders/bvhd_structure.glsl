@@ -27,6 +27,8 @@ const uint BVHD_CONTENT_INDEXED_TRIANGLES = 0u;
 const uint BVHD_CONTENT_TRIANGLES = 1u;
 const uint BVHD_CONTENT_AABBS = 2u;
 const uint BVHD_CONTENT_INSTANCES = 3u;
+const uint BVHD_CONTENT_SPHERES = 4u;
+const uint BVHD_CONTENT_SWEPT_SPHERES = 5u;
 
 const uvec2 BVHD_NO_LOCATION = uvec2(0xffffffffu);
 
@@ -156,9 +158,35 @@ uint bvhdAabb(BvhdBody body, uint record, out vec3 lowest, out vec3 highest)
     return first.w;
 }
 
-// The id of a triangle or AABB record.
+#ifdef BVHD_ROUND
+const uint BVHD_ID_CAP_FIRST = 0x20000000u; // a linear swept sphere's first end has a cap
+const uint BVHD_ID_CAP_SECOND = 0x40000000u;
+
+bool bvhdIsRound(BvhdBody body)
+{
+    return body.content == BVHD_CONTENT_SPHERES || body.content == BVHD_CONTENT_SWEPT_SPHERES;
+}
+
+// The ends of a record of a sphere, whose two ends are the same, or of a linear swept sphere: a centre, and the radius
+// in w. Returns its id.
+uint bvhdEnds(BvhdBody body, uint record, out vec4 ends[2])
+{
+    uint word = (body.records << 2) + 2u * record, first = (body.vertices >> 2) + bvhdWord(body.base, word);
+    ends[0] = uintBitsToFloat(bvhdRow(body.base, first));
+    ends[1] = ends[0];
+    if (body.content == BVHD_CONTENT_SWEPT_SPHERES)
+        ends[1] = uintBitsToFloat(bvhdRow(body.base, first + 1u));
+    return bvhdWord(body.base, word + 1u);
+}
+#endif
+
+// The id of a record of primitives.
 uint bvhdId(BvhdBody body, uint record)
 {
+#ifdef BVHD_ROUND
+    if (bvhdIsRound(body))
+        return bvhdWord(body.base, (body.records << 2) + 2u * record + 1u);
+#endif
     uint rows = body.content == BVHD_CONTENT_AABBS ? 2u : body.content == BVHD_CONTENT_TRIANGLES ? 3u : 1u;
     return bvhdRow(body.base, body.records + rows * record).w;
 }

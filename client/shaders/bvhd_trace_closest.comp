@@ -34,6 +34,7 @@
 #extension GL_KHR_shader_subgroup_vote : require
 #endif
 
+#define BVHD_NOTHING_ROUND
 #define HITS_AS_ROWS
 #include "bvhd_trace_rays.glsl"
 

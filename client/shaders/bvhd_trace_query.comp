@@ -4,7 +4,8 @@
  * accepted, AABBs are hit where the ray enters them.
  *
  * Variants: with BVHD_BUFFER_ADDRESS the scene is found by address, without it the scene is binding 2. With FALLBACK
- * only the rays that bvhd_trace_closest.comp has left are traced.
+ * only the rays that bvhd_trace_closest.comp has left are traced. With BVHD_ROUND the scene may have spheres and linear
+ * swept spheres.
  */
 #version 450
 #extension GL_GOOGLE_include_directive : require
@@ -13,6 +14,9 @@
 #extension GL_EXT_buffer_reference_uvec2 : require
 #endif
 
+#ifndef BVHD_ROUND
+#define BVHD_NOTHING_ROUND
+#endif
 #include "bvhd_trace_rays.glsl"
 
 layout(constant_id = 1) const bool plain_bytes = false;
@@ -36,6 +40,13 @@ layout(set = 0, binding = 3, std430) readonly buffer Work
 
 #include "bvhd_ray_query.glsl"
 
+// Whether a candidate is hit where the query says.
+#ifdef BVHD_ROUND
+#define IS_BUILT_IN(type) (type != BVHD_CANDIDATE_AABB)
+#else
+#define IS_BUILT_IN(type) (type == BVHD_CANDIDATE_TRIANGLE)
+#endif
+
 BvhdHit committed(BvhdRayQuery query)
 {
     BvhdHit hit = miss();
@@ -53,6 +64,9 @@ BvhdHit committed(BvhdRayQuery query)
     hit.primitive = primitive.y;
     hit.flags = (bvhdRayQueryGetIntersectionFrontFace(query, true) ? FRONT_FACE : 0u) |
                 (type == BVHD_COMMITTED_GENERATED ? IS_AABB : 0u);
+#ifdef BVHD_ROUND
+    hit.flags |= type == BVHD_COMMITTED_SPHERE ? IS_SPHERE : type == BVHD_COMMITTED_SWEPT_SPHERE ? IS_SWEPT_SPHERE : 0u;
+#endif
     return hit;
 }
 
@@ -63,7 +77,7 @@ void trace(uint index)
     bvhdRayQueryInitialize(query, extra, ray.flags.x | ray_flags, ray.flags.y & 0xffu, ray.origin.xyz, ray.origin.w,
                            ray.direction.xyz, ray.direction.w);
     while (bvhdRayQueryProceed(query))
-        if (bvhdRayQueryGetIntersectionType(query, false) == BVHD_CANDIDATE_TRIANGLE)
+        if (IS_BUILT_IN(bvhdRayQueryGetIntersectionType(query, false)))
             bvhdRayQueryConfirmIntersection(query);
         else
             bvhdRayQueryGenerateIntersection(query, bvhdRayQueryGetIntersectionT(query, false));

@@ -23,6 +23,9 @@ layout(push_constant) uniform Push {
 };
 
 const uint NO_INSTANCE = 0xffffffffu, FRONT_FACE = 1u, IS_AABB = 2u;
+#ifdef BVHD_ROUND
+const uint IS_SPHERE = 4u, IS_SWEPT_SPHERE = 8u;
+#endif
 #define INFINITY uintBitsToFloat(0x7f800000u)
 
 BvhdHit miss()
