@@ -24,6 +24,8 @@
 #include "client/shaders/trace_fallback_address.h"
 #include "client/shaders/trace_query.h"
 #include "client/shaders/trace_query_address.h"
+#include "client/shaders/trace_query_round.h"
+#include "client/shaders/trace_query_round_address.h"
 #include "client/shaders/trace_resolve.h"
 #include "client/shaders/trace_resolve_address.h"
 #include "client/shaders/trace_resolve_doubles.h"
@@ -61,11 +63,17 @@ enum {
     CONSTANTS
 };
 
+/* Contents that the kernels for closest triangles do not know, and those that only KERNEL_QUERY_ROUND knows. */
+enum {
+    ROUND_KINDS = 1 << PORTABLE_SPHERES | 1 << PORTABLE_SWEPT_SPHERES,
+    OTHER_KINDS = ROUND_KINDS | 1 << PORTABLE_AABBS,
+};
+
 static const uint32_t any_content = UINT32_MAX; /* bottom levels hold different kinds of triangles */
 
 /* ---- kernels ---- */
 
-/* They differ by what is traced: one structure, one of many small triangles, a top level. */
+/* They differ by what is traced: one structure, one of many small triangles, a top level, spheres among others. */
 enum kernel {
     KERNEL_COHERENT,
     KERNEL_COHERENT_FINE,
@@ -75,6 +83,7 @@ enum kernel {
     KERNEL_RESOLVE,
     KERNEL_FALLBACK,
     KERNEL_QUERY,
+    KERNEL_QUERY_ROUND,
     KERNELS
 };
 /* Each is better than those before it, where a device has what it needs. */
@@ -102,6 +111,9 @@ static const struct code {
     [KERNEL_RESOLVE] = {{CODE(trace_resolve)}, {CODE(trace_resolve_address)}, {CODE(trace_resolve_doubles)}},
     [KERNEL_FALLBACK] = {{CODE(trace_fallback)}, {CODE(trace_fallback_address)}, {CODE(trace_fallback_address)}},
     [KERNEL_QUERY] = {{CODE(trace_query)}, {CODE(trace_query_address)}, {CODE(trace_query_address)}},
+    [KERNEL_QUERY_ROUND] = {{CODE(trace_query_round)},
+                            {CODE(trace_query_round_address)},
+                            {CODE(trace_query_round_address)}},
 };
 
 /* The arguments that all kernels of a tracer are compiled with. */
@@ -212,8 +224,9 @@ static enum bvhd_status make_kernels(struct bvhd_tracer *tracer, const struct vu
         .error = error,
     };
     tracer->has_closest =
-        !(scene->contents.kinds & 1u << PORTABLE_AABBS) && scene->size <= max_closest_bytes && traits->has_ballots;
-    enum bvhd_status status = make_query(&making, KERNEL_QUERY, &tracer->query);
+        !(scene->contents.kinds & OTHER_KINDS) && scene->size <= max_closest_bytes && traits->has_ballots;
+    enum bvhd_status status =
+        make_query(&making, scene->contents.kinds & ROUND_KINDS ? KERNEL_QUERY_ROUND : KERNEL_QUERY, &tracer->query);
     if (status != BVHD_OK || !tracer->has_closest)
         return status;
     status = make_pipeline(&making, KERNEL_RESOLVE, making.constants, &tracer->resolve);

@@ -56,10 +56,17 @@ struct bvhd_ray {
  * A triangle is hit if tmin < t < tmax. If triangles have equal distances, to 32 significant bits, the one with the
  * lowest (instance, geometry, primitive) is reported. No ray slips between two triangles that share an edge. Triangles
  * of geometries without VK_GEOMETRY_OPAQUE_BIT_KHR are hit, too. AABBs are hit where the ray enters them.
+ *
+ * Spheres and linear swept spheres are hit as triangles are, where the ray enters them from outside. Their facing has
+ * no effect, and the ray flag that skips triangles skips them, too.
  */
 struct bvhd_hit {
     float t; /* the point is origin + t * direction */
-    float u, v; /* the point is (1 - u - v) * v0 + u * v1 + v * v2; 0 for AABBs */
+    /*
+     * The point of a triangle is (1 - u - v) * v0 + u * v1 + v * v2. Of a linear swept sphere, u says how far the
+     * sphere that touches the point has moved: 0 at the first end, 1 at the second. Both are 0 otherwise.
+     */
+    float u, v;
     uint32_t instance; /* its position among the instances of the top level; BVHD_NO_INSTANCE without a top level */
     uint32_t custom_index; /* instanceCustomIndex, 24 bits */
     uint32_t geometry; /* index in the bottom level */
@@ -68,8 +75,10 @@ struct bvhd_hit {
 };
 
 enum {
-    BVHD_HIT_FRONT_FACE = 0x1,
+    BVHD_HIT_FRONT_FACE = 0x1, /* always set for spheres and linear swept spheres */
     BVHD_HIT_AABB = 0x2,
+    BVHD_HIT_SPHERE = 0x4,
+    BVHD_HIT_SWEPT_SPHERE = 0x8, /* a linear swept sphere */
 };
 
 /* ---- The tracer ---- */
@@ -117,10 +126,10 @@ struct bvhd_tracer_options {
  * queue during the call.
  *
  * The device must have Vulkan 1.1 (else BVHD_UNSUPPORTED) and a queue with compute; no other feature is required. If it
- * has no subgroup ballots in compute shaders, if the scene has AABBs, or if it is larger than 4 GiB, all rays are
- * traced by the portable ray query, at about a third of the rate. With bufferDeviceAddress enabled (and a scene of
- * BVHD_VULKAN_SCENE_ADDRESSES, or a buffer_address) the scene may be larger than the device can bind, and the kernels
- * that use doubles can be chosen.
+ * has no subgroup ballots in compute shaders, if the scene has AABBs, spheres or linear swept spheres, or if it is
+ * larger than 4 GiB, all rays are traced by the portable ray query, at about a third of the rate. With
+ * bufferDeviceAddress enabled (and a scene of BVHD_VULKAN_SCENE_ADDRESSES, or a buffer_address) the scene may be larger
+ * than the device can bind, and the kernels that use doubles can be chosen.
  *
  * Returns BVHD_INVALID if an option is wrong or a structure is native, BVHD_NOT_FOUND if there is no structure `root`,
  * BVHD_TOO_LARGE if the buffer is larger than a shader can bind and has no address, and BVHD_NO_MEMORY.
