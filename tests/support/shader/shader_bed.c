@@ -7,6 +7,8 @@
 
 #include "tests/support/shader_agreement.h"
 #include "tests/support/shader_agreement_address.h"
+#include "tests/support/shader_agreement_round.h"
+#include "tests/support/shader_agreement_round_address.h"
 
 _Static_assert(sizeof(struct shader_answer) == 48 &&
                    sizeof(struct shader_full_answer) == 204 + 40 * SHADER_BED_CANDIDATES,
@@ -49,13 +51,24 @@ bool shader_policy_accepts(uint32_t instance, uint32_t geometry, uint32_t primit
 
 /* ---- the device ---- */
 
+/* The kernels by whether they know spheres and linear swept spheres, and whether they find the scene by its address. */
+static const struct {
+    const uint32_t *words;
+    size_t size;
+} codes[2][2] = {
+    {{shader_agreement_code, sizeof shader_agreement_code},
+     {shader_agreement_address_code, sizeof shader_agreement_address_code}},
+    {{shader_agreement_round_code, sizeof shader_agreement_round_code},
+     {shader_agreement_round_address_code, sizeof shader_agreement_round_address_code}},
+};
+
 static void create_kernel(struct shader_bed *bed, const struct shader_bed_options *options)
 {
     struct bvhd_error error;
     const uint32_t constants[] = {options->plain_bytes, options->fused_fma};
     struct gpu_kernel_options kernel = {
-        .code = options->by_address ? shader_agreement_address_code : shader_agreement_code,
-        .size = options->by_address ? sizeof shader_agreement_address_code : sizeof shader_agreement_code,
+        .code = codes[options->is_round][options->by_address].words,
+        .size = codes[options->is_round][options->by_address].size,
         .bindings = BINDINGS,
         .push_size = sizeof(struct kernel_push),
         .constants = constants,

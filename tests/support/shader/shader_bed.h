@@ -21,7 +21,7 @@ enum shader_policy { SHADER_ACCEPT, SHADER_IGNORE, SHADER_SOME, SHADER_END };
 struct shader_intersection {
     float t, u, v;
     uint32_t instance, custom_index, geometry, primitive;
-    uint32_t flags; /* bit 0: front face, bit 1: AABB */
+    uint32_t flags; /* bit 0: front face, bit 1: AABB, bit 2: sphere, bit 3: linear swept sphere */
     uint32_t sbt_offset;
     uint32_t is_opaque; /* for AABB candidates */
 };
@@ -33,7 +33,7 @@ struct shader_answer {
 };
 
 struct shader_details {
-    float corners[3][3];
+    float corners[3][3]; /* spheres and linear swept spheres: both centres, both radii and 0 */
     float object_origin[3], object_direction[3];
     float object_to_world[4][3], world_to_object[4][3]; /* by columns */
 };
@@ -49,7 +49,7 @@ struct shader_bed;
 struct shader_bed_options {
     const char *device; /* as for gpu_open */
     bool by_address; /* the shader reads the structures by their device address; otherwise through a storage buffer */
-    bool plain_bytes, fused_fma; /* the shader's options BVHD_PLAIN_BYTES and BVHD_FUSED_FMA */
+    bool plain_bytes, fused_fma, is_round; /* the shader's BVHD_PLAIN_BYTES, BVHD_FUSED_FMA and BVHD_ROUND */
 };
 
 /* Returns BVHD_UNAVAILABLE or BVHD_NOT_FOUND when there is no such device. */

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Writes what ray queries over portable structures report about each ray, in the layout that shader_bed.h reads. It is
-// compiled with BVHD_BUFFER_ADDRESS and without.
+// compiled with BVHD_BUFFER_ADDRESS and without, each with BVHD_ROUND and without.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #ifdef BVHD_BUFFER_ADDRESS
@@ -64,17 +64,28 @@ void note_intersection(inout uint at, BvhdRayQuery query, bool committed)
     note(at, bvhdRayQueryGetIntersectionPrimitiveIndex(query, committed));
     uint type = bvhdRayQueryGetIntersectionType(query, committed);
     bool isAabb = committed ? type == BVHD_COMMITTED_GENERATED : type == BVHD_CANDIDATE_AABB;
-    note(at, (bvhdRayQueryGetIntersectionFrontFace(query, committed) ? 1u : 0u) | (isAabb ? 2u : 0u));
+    bool isSphere = type == (committed ? BVHD_COMMITTED_SPHERE : BVHD_CANDIDATE_SPHERE);
+    bool isSwept = type == (committed ? BVHD_COMMITTED_SWEPT_SPHERE : BVHD_CANDIDATE_SWEPT_SPHERE);
+    note(at, (bvhdRayQueryGetIntersectionFrontFace(query, committed) ? 1u : 0u) | (isAabb ? 2u : 0u) |
+                 (isSphere ? 4u : 0u) | (isSwept ? 8u : 0u));
     note(at, bvhdRayQueryGetIntersectionInstanceShaderBindingTableRecordOffset(query, committed));
     note(at, !committed && isAabb && bvhdRayQueryGetIntersectionCandidateAABBOpaque(query) ? 1u : 0u);
 }
 
-// Writes 39 words: the corners, the ray in object space, and both matrices.
+// Writes 39 words: the corners, or both centres and the radii; the ray in object space, and both matrices.
 void note_details(inout uint at, BvhdRayQuery query)
 {
     vec3 corners[3] = vec3[](vec3(0.0), vec3(0.0), vec3(0.0));
-    if (bvhdRayQueryGetIntersectionType(query, true) == BVHD_COMMITTED_TRIANGLE)
+    uint type = bvhdRayQueryGetIntersectionType(query, true);
+    if (type == BVHD_COMMITTED_TRIANGLE)
         bvhdRayQueryGetIntersectionTriangleVertexPositions(query, true, corners);
+#ifdef BVHD_ROUND
+    if (type == BVHD_COMMITTED_SPHERE || type == BVHD_COMMITTED_SWEPT_SPHERE) {
+        vec4 ends[2];
+        bvhdRayQueryGetIntersectionEnds(query, true, ends);
+        corners = vec3[](ends[0].xyz, ends[1].xyz, vec3(ends[0].w, ends[1].w, 0.0));
+    }
+#endif
     note3(at, corners[0]);
     note3(at, corners[1]);
     note3(at, corners[2]);
@@ -113,10 +124,10 @@ void main()
         candidates++;
         if (!is_accepted(query))
             continue;
-        if (bvhdRayQueryGetIntersectionType(query, false) == BVHD_CANDIDATE_TRIANGLE)
-            bvhdRayQueryConfirmIntersection(query);
-        else
+        if (bvhdRayQueryGetIntersectionType(query, false) == BVHD_CANDIDATE_AABB)
             bvhdRayQueryGenerateIntersection(query, bvhdRayQueryGetIntersectionT(query, false));
+        else
+            bvhdRayQueryConfirmIntersection(query);
         if (policy == POLICY_END)
             bvhdRayQueryTerminate(query);
     }
