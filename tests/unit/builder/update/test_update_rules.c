@@ -33,6 +33,18 @@ static void make_instances(struct test_input *input)
     input->input.flags = BUILD_ALLOW_UPDATE;
 }
 
+static void make_spheres(struct test_input *input)
+{
+    inputs_spheres(input);
+    input->input.flags = BUILD_ALLOW_UPDATE;
+}
+
+static void make_swept(struct test_input *input)
+{
+    inputs_swept_spheres(input);
+    input->input.flags = BUILD_ALLOW_UPDATE;
+}
+
 static void set_type(struct test_input *input)
 {
     make_instances(input);
@@ -154,6 +166,64 @@ static void deactivate_triangle(struct test_input *input)
     input->vertices[8][1] = NAN; /* the last triangle of the geometry without indices */
 }
 
+static void set_ends_format(struct test_input *input)
+{
+    input->geometries[1].spheres.vertex_format = 103; /* R32G32_SFLOAT */
+}
+
+static void set_radius_format(struct test_input *input)
+{
+    input->geometries[1].spheres.radius_format = 76; /* R16_SFLOAT */
+}
+
+static void set_ends_index_type(struct test_input *input)
+{
+    static const uint32_t wide[8] = {9, 9, 0, 1, 2, 2, 1, 3};
+    struct geometry_spheres *ends = &input->geometries[0].spheres;
+    ends->index_type = INDEX_UINT32;
+    ends->index_stride = 4;
+    ends->indices = (struct bytes){(const unsigned char *)wide, sizeof wide};
+    input->geometries[0].range.primitive_offset = 8;
+}
+
+static void set_mode(struct test_input *input)
+{
+    struct geometry_swept_spheres *swept = &input->geometries[0].swept_spheres;
+    swept->indexing_mode = swept->indexing_mode == SWEPT_LIST ? SWEPT_SUCCESSIVE : SWEPT_LIST;
+}
+
+static void set_caps(struct test_input *input)
+{
+    struct geometry_swept_spheres *swept = &input->geometries[1].swept_spheres;
+    swept->end_caps_mode = swept->end_caps_mode == SWEPT_CAPS_NONE ? SWEPT_CAPS_CHAINED : SWEPT_CAPS_NONE;
+}
+
+/* The first radius of the geometry without indices. */
+static void deactivate_sphere(struct test_input *input)
+{
+    input->geometries[0] = input->geometries[1];
+    input->vertices[0][3] = NAN;
+}
+
+static void make_same_spheres(struct test_input *input)
+{
+    make_spheres(input);
+    input->geometries[0] = input->geometries[1];
+}
+
+static void make_same_swept(struct test_input *input)
+{
+    make_swept(input);
+    input->geometries[0] = input->geometries[1];
+}
+
+/* As many linear swept spheres as the indices hold in either mode. */
+static void make_few_swept(struct test_input *input)
+{
+    make_swept(input);
+    input->geometries[0].range.primitive_count = 3;
+}
+
 static void activate_box(struct test_input *input)
 {
     memcpy(input->boxes[2], input->boxes[0], sizeof input->boxes[0]);
@@ -197,6 +267,22 @@ static const struct change changes[] = {
     {make_triangles, deactivate_triangle, BVHD_INVALID, "pInfos-03664", "infos[2].geometries[1].triangles[2]"},
     {make_aabbs, activate_box, BVHD_INVALID, "pInfos-03663", "infos[2].geometries[0].aabbs[2]"},
     {make_aabbs, deactivate_box, BVHD_INVALID, "pInfos-03664", "infos[2].geometries[0].aabbs[0]"},
+    {make_spheres, set_ends_format, BVHD_INVALID, "", "infos[2].geometries[1].spheres.vertexFormat"},
+    {make_spheres, set_radius_format, BVHD_INVALID, "", "infos[2].geometries[1].spheres.radiusFormat"},
+    {make_spheres, set_ends_index_type, BVHD_INVALID, "", "infos[2].geometries[0].spheres.indexType"},
+    {make_spheres, set_index, BVHD_INVALID, "", "infos[2].geometries[0].spheres.indexData"},
+    {make_spheres, swap_indices, BVHD_INVALID, "", "infos[2].geometries[0].spheres.indexData"},
+    {make_spheres, shift_indices, BVHD_INVALID, "", "infos[2].geometries[0].spheres.indexData"},
+    {make_spheres, set_primitive_count, BVHD_INVALID, "primitiveCount-03769", "ranges[2][1].primitiveCount"},
+    {make_same_spheres, deactivate_sphere, BVHD_INVALID, "pInfos-03664", "infos[2].geometries[0].spheres[0]"},
+    {make_swept, set_ends_format, BVHD_INVALID, "", "infos[2].geometries[1].linearSweptSpheres.vertexFormat"},
+    {make_swept, set_radius_format, BVHD_INVALID, "", "infos[2].geometries[1].linearSweptSpheres.radiusFormat"},
+    {make_swept, set_ends_index_type, BVHD_INVALID, "", "infos[2].geometries[0].linearSweptSpheres.indexType"},
+    {make_swept, set_caps, BVHD_INVALID, "", "infos[2].geometries[1].linearSweptSpheres.endCapsMode"},
+    {make_few_swept, set_mode, BVHD_INVALID, "", "infos[2].geometries[0].linearSweptSpheres.indexingMode"},
+    {make_swept, set_index, BVHD_INVALID, "", "infos[2].geometries[0].linearSweptSpheres.indexData"},
+    {make_swept, shift_indices, BVHD_INVALID, "", "infos[2].geometries[0].linearSweptSpheres.indexData"},
+    {make_same_swept, deactivate_sphere, BVHD_INVALID, "pInfos-03664", "infos[2].geometries[0].linearSweptSpheres[0]"},
     {make_instances, activate_instance, BVHD_INVALID, "pInfos-03663", "infos[2].geometries[0].instances[1]"},
     {make_instances, deactivate_instance, BVHD_INVALID, "pInfos-03664", "infos[2].geometries[0].instances[2]"},
 };
@@ -245,6 +331,17 @@ static void move_triangles(struct test_input *input)
     input->geometries[0].range.first_vertex = 0;
 }
 
+static void move_round(struct test_input *input)
+{
+    for (int i = 0; i < INPUTS_VERTICES; i++) {
+        input->vertices[i][1] = 100 - input->vertices[i][1];
+        input->vertices[i][3] = 1 + input->vertices[i][3];
+    }
+    input->geometries[0].spheres.vertices.data += 20; /* one vertex more before the first one */
+    input->geometries[0].spheres.radii.data += 20;
+    input->geometries[0].range.first_vertex = 0;
+}
+
 static void move_boxes(struct test_input *input)
 {
     input->boxes[0][0] -= 10;
@@ -263,9 +360,13 @@ static void what_may_change(void **state)
 {
     static const struct {
         void (*make)(struct test_input *input), (*move)(struct test_input *input);
-    } moves[] = {{make_triangles, move_triangles}, {make_aabbs, move_boxes}, {make_instances, move_instances}};
+    } moves[] = {{make_triangles, move_triangles},
+                 {make_aabbs, move_boxes},
+                 {make_instances, move_instances},
+                 {make_spheres, move_round},
+                 {make_swept, move_round}};
     (void)state;
-    for (int i = 0; i < 3; i++) {
+    for (size_t i = 0; i < sizeof moves / sizeof *moves; i++) {
         static struct test_input source, now;
         moves[i].make(&source);
         moves[i].make(&now);
