@@ -2,6 +2,7 @@
 /* test_prepare.c - tests that equal requests give equal canonical bytes, and that contents are checked. */
 #include "tests/support/unit.h"
 
+#include <float.h>
 #include <math.h>
 
 #include "tests/support/builder/inputs.h"
@@ -319,6 +320,48 @@ static void contents_are_checked(void **state)
     bed_finish(&canonical);
 }
 
+static void radii_are_checked(void **state)
+{
+    (void)state;
+    struct test_input test;
+    inputs_spheres(&test);
+    test.vertices[3][3] = -0.25f; /* which indices 3 and 4 name */
+    bed_refuse(&test, BVHD_INVALID, "VUID-VkAccelerationStructureGeometrySpheresDataNV-radiusData-10436",
+               "infos[2].geometries[0].spheres[2].radius");
+    inputs_spheres(&test);
+    test.vertices[8][3] = -INFINITY; /* which no sphere has */
+    test.vertices[2][3] = -0.0f;
+    test.vertices[1][3] = NAN;
+    struct canonical canonical = bed_make(&test);
+    bed_finish(&canonical);
+    inputs_swept_spheres(&test);
+    test.vertices[5][3] = -FLT_MIN;
+    bed_refuse(&test, BVHD_INVALID, "VUID-VkAccelerationStructureGeometryLinearSweptSpheresDataNV-radiusData-10426",
+               "infos[2].geometries[0].linearSweptSpheres[5].radii[1]");
+}
+
+/* Indices may name any vertex that is there; which are not is known when all have been read. */
+static void named_spheres_are_there(void **state)
+{
+    (void)state;
+    struct test_input test;
+    inputs_spheres(&test);
+    test.indices[5] = 8;
+    bed_refuse(&test, BVHD_INVALID, "VUID-vkBuildAccelerationStructuresKHR-pInfos-11824",
+               "infos[2].geometries[0].spheres.indices[3]");
+    inputs_spheres(&test);
+    test.geometries[0].spheres.radii.size = 4 * 20 + 3;
+    bed_refuse(&test, BVHD_INVALID, "VUID-vkBuildAccelerationStructuresKHR-pInfos-11825",
+               "infos[2].geometries[0].spheres.indices[5]");
+    inputs_swept_spheres(&test);
+    test.indices[3] = 7; /* its second end would be vertex 9 */
+    bed_refuse(&test, BVHD_INVALID, "VUID-vkBuildAccelerationStructuresKHR-pInfos-11828",
+               "infos[2].geometries[0].linearSweptSpheres.indices[1]");
+    test.indices[3] = 6;
+    struct canonical canonical = bed_make(&test);
+    bed_finish(&canonical);
+}
+
 static void empty_structures_are_small(void **state)
 {
     (void)state;
@@ -449,6 +492,8 @@ int main(void)
         cmocka_unit_test(stride_zero_keeps_one_vertex),
         cmocka_unit_test(what_counts_changes_the_bytes),
         cmocka_unit_test(contents_are_checked),
+        cmocka_unit_test(radii_are_checked),
+        cmocka_unit_test(named_spheres_are_there),
         cmocka_unit_test(empty_structures_are_small),
         cmocka_unit_test(unused_room_is_given_back),
         cmocka_unit_test(known_room_is_taken_once),

@@ -47,6 +47,8 @@ static void refuse(const struct wrong *wrong, const struct limits *limits)
         statement;                                                                                                     \
     }
 #define TRIANGLES(index) test->geometries[index].triangles
+#define SPHERES(index) test->geometries[index].spheres
+#define SWEPT(index) test->geometries[index].swept_spheres
 #define RANGE(index) test->geometries[index].range
 
 static void make_native(struct test_input *test, uint32_t variant)
@@ -134,8 +136,30 @@ CHANGE(record_offset, RANGE(0).primitive_offset = 8)
 CHANGE(null_records, test->geometries[0].instances.records.data = NULL)
 CHANGE(short_records, test->geometries[0].instances.records.size--)
 
+CHANGE(null_centres, SPHERES(0).vertices.data = NULL)
+CHANGE(short_centres, SPHERES(1).vertices.size = 2 * 20 + 11)
+CHANGE(offset_centres, RANGE(1).primitive_offset = 8 * 20 - 12)
+CHANGE(null_radii, SPHERES(0).radii.data = NULL)
+CHANGE(short_radii, SPHERES(1).radii.size = 2 * 20 + 3)
+CHANGE(far_radii, SPHERES(1).radius_stride = UINT32_MAX)
+CHANGE(null_sphere_indices, SPHERES(0).indices.data = NULL)
+CHANGE(short_sphere_indices, SPHERES(0).indices.size = 15)
+CHANGE(far_sphere_indices, SPHERES(0).index_stride = UINT64_MAX)
+CHANGE(given_sphere_indices, SPHERES(1).indices = SPHERES(0).indices)
+
+CHANGE(null_ends, SWEPT(0).ends.vertices.data = NULL)
+CHANGE(short_ends, SWEPT(1).ends.vertices.size = 5 * 20 + 11)
+CHANGE(null_end_radii, SWEPT(0).ends.radii.data = NULL)
+CHANGE(short_end_radii, SWEPT(1).ends.radii.size = 5 * 20 + 3)
+CHANGE(null_end_indices, SWEPT(0).indexing_mode = SWEPT_LIST; SWEPT(0).ends.indices.data = NULL)
+CHANGE(short_end_indices, SWEPT(0).ends.indices.size = 15)
+CHANGE(indices_for_a_list, SWEPT(0).indexing_mode = SWEPT_LIST)
+CHANGE(successive_without_indices, SWEPT(0).ends.indices.data = NULL)
+CHANGE(given_end_indices, SWEPT(1).ends.indices = SWEPT(0).ends.indices)
+
 CHANGE(many_triangles, RANGE(0).primitive_count = (1u << 29) - 3)
 CHANGE(many_boxes, RANGE(0).primitive_count = 1u << 29)
+CHANGE(many_spheres, RANGE(1).primitive_count = (1u << 29) - 6)
 CHANGE(many_instances, RANGE(0).primitive_count = 1u << 24)
 CHANGE(many_geometries, test->input.geometry_count = 1u << 24)
 
@@ -144,6 +168,7 @@ CHANGE(many_geometries, test->input.geometry_count = 1u << 24)
 #define GEOMETRY "VUID-VkAccelerationStructureGeometryKHR-"
 #define TRIANGLES_DATA "VUID-VkAccelerationStructureGeometryTrianglesDataKHR-"
 #define AABBS_DATA "VUID-VkAccelerationStructureGeometryAabbsDataKHR-"
+#define LSS_DATA "VUID-VkAccelerationStructureGeometryLinearSweptSpheresDataNV-"
 #define CALL "VUID-vkBuildAccelerationStructuresKHR-"
 #define WRONG(base, change, vuid, where)                                                                               \
     {                                                                                                                  \
@@ -152,6 +177,10 @@ CHANGE(many_geometries, test->input.geometry_count = 1u << 24)
 #define FOREIGN(base, change, where)                                                                                   \
     {                                                                                                                  \
 #change, inputs_##base, change, BVHD_UNSUPPORTED, "", where                                                    \
+    }
+#define LARGE(base, change, where)                                                                                     \
+    {                                                                                                                  \
+#change, inputs_##base, change, BVHD_TOO_LARGE, "", where                                                      \
     }
 
 static const struct wrong entries[] = {
@@ -244,6 +273,31 @@ static const struct wrong entries[] = {
     WRONG(instances, null_records, CALL "pInfos-03778", "infos[3].geometries[0].instances.data"),
     WRONG(instances, short_records, CALL "pInfos-03778", "infos[3].geometries[0].instances.data"),
 
+#define SPHERES_PLACE(index, field) "infos[3].geometries[" #index "].spheres." field
+    WRONG(spheres, null_centres, CALL "pInfos-11824", SPHERES_PLACE(0, "vertexData")),
+    WRONG(spheres, short_centres, CALL "pInfos-11824", SPHERES_PLACE(1, "vertexData")),
+    WRONG(spheres, offset_centres, CALL "pInfos-11824", SPHERES_PLACE(1, "vertexData")),
+    WRONG(spheres, null_radii, CALL "pInfos-11825", SPHERES_PLACE(0, "radiusData")),
+    WRONG(spheres, short_radii, CALL "pInfos-11825", SPHERES_PLACE(1, "radiusData")),
+    WRONG(spheres, far_radii, CALL "pInfos-11825", SPHERES_PLACE(1, "radiusData")),
+    WRONG(spheres, null_sphere_indices, CALL "pInfos-11823", SPHERES_PLACE(0, "indexData")),
+    WRONG(spheres, short_sphere_indices, CALL "pInfos-11823", SPHERES_PLACE(0, "indexData")),
+    WRONG(spheres, far_sphere_indices, CALL "pInfos-11823", SPHERES_PLACE(0, "indexData")),
+    WRONG(spheres, given_sphere_indices, CALL "pInfos-11822", SPHERES_PLACE(1, "indexData")),
+
+#define SWEPT_PLACE(index, field) "infos[3].geometries[" #index "].linearSweptSpheres." field
+    WRONG(swept_spheres, null_ends, CALL "pInfos-11828", SWEPT_PLACE(0, "vertexData")),
+    WRONG(swept_spheres, short_ends, CALL "pInfos-11828", SWEPT_PLACE(1, "vertexData")),
+    WRONG(swept_spheres, null_end_radii, CALL "pInfos-11829", SWEPT_PLACE(0, "radiusData")),
+    WRONG(swept_spheres, short_end_radii, CALL "pInfos-11829", SWEPT_PLACE(1, "radiusData")),
+    WRONG(swept_spheres, null_end_indices, CALL "pInfos-11827", SWEPT_PLACE(0, "indexData")),
+    WRONG(swept_spheres, short_end_indices, CALL "pInfos-11827", SWEPT_PLACE(0, "indexData")),
+    WRONG(swept_spheres, indices_for_a_list, CALL "pInfos-11827", SWEPT_PLACE(0, "indexData")),
+    WRONG(swept_spheres, successive_without_indices, LSS_DATA "indexingMode-10427", SWEPT_PLACE(0, "indexData")),
+    WRONG(swept_spheres, given_end_indices, CALL "pInfos-11826", SWEPT_PLACE(1, "indexData")),
+
+    LARGE(spheres, many_spheres, "ranges[3][1].primitiveCount"),
+    LARGE(swept_spheres, many_spheres, "ranges[3][1].primitiveCount"),
     WRONG(triangles, many_triangles, BUILD "type-03795", "ranges[3][1].primitiveCount"),
     WRONG(aabbs, many_boxes, BUILD "type-03794", "ranges[3][0].primitiveCount"),
     WRONG(instances, many_instances, CALL "pInfos-03801", "ranges[3][0].primitiveCount"),
