@@ -22,7 +22,7 @@
 enum { HEAD = 4, CHOICE_RECORD = 1, CHOICE_REPAIR = 2, BUDGET = 64 << 20 };
 enum { SIDE = 6, GRID_VERTICES = SIDE * SIDE, GRID_TRIANGLES = 2 * (SIDE - 1) * (SIDE - 1) };
 
-enum shape { TRIANGLES, GRID, BOXES, INSTANCES, EMPTY };
+enum shape { TRIANGLES, GRID, BOXES, INSTANCES, SPHERES, SWEPT_SPHERES, EMPTY };
 
 static const struct {
     enum shape shape;
@@ -42,6 +42,8 @@ static const struct {
     {INSTANCES, TARGET_LAVAPIPE, 0, LAVAPIPE_PLAIN},
     {INSTANCES, TARGET_LAVAPIPE, 0, LAVAPIPE_COMPACTED},
     {EMPTY, TARGET_LAVAPIPE, 0, LAVAPIPE_PLAIN},
+    {SPHERES, TARGET_PORTABLE, 0, 0},
+    {SWEPT_SPHERES, TARGET_PORTABLE, 0, 0},
 };
 
 enum { KINDS = sizeof kinds / sizeof kinds[0], INDEXED_KIND = 0, BOXES_KIND = 3 };
@@ -102,6 +104,10 @@ static void make_request(uint32_t kind, struct request *request)
         inputs_aabbs(&request->test);
     else if (shape == INSTANCES)
         inputs_instances(&request->test);
+    else if (shape == SPHERES)
+        inputs_spheres(&request->test);
+    else if (shape == SWEPT_SPHERES)
+        inputs_swept_spheres(&request->test);
     else
         inputs_triangles(&request->test);
     struct build_input *input = &request->test.input;

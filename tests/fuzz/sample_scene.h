@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * sample_scene.h - small structures of every kind for targets that read structures: a bottom level of triangles, one of
- * boxes, and a top level over both, each portable and native.
+ * boxes, and a top level over both, each portable and native; and portable ones of spheres and of linear swept spheres.
  */
 #ifndef BVHD_FUZZ_SAMPLE_SCENE_H
 #define BVHD_FUZZ_SAMPLE_SCENE_H
@@ -35,6 +35,37 @@ static inline void sample_scene_init(struct test_scene *ret_scene)
     test_scene_add(ret_scene, &triangles, 1, 0);
     test_scene_add(ret_scene, &aabbs, 1, 0);
     test_scene_add_top(ret_scene, instances, 2);
+}
+
+/* Builds bottom levels of spheres and of linear swept spheres, items 0 and 1. The caller ends the scene likewise. */
+static inline void sample_scene_init_round(struct test_scene *ret_scene)
+{
+    enum { VERTICES = 16 };
+    static const uint16_t indices[] = {0, 1, 2, 3, 4, 6, 7, 9, 10, 12, 14};
+    static float vertices[VERTICES][4];
+    struct random random = {6};
+    for (int i = 0; i < VERTICES * 4; i++)
+        vertices[i / 4][i % 4] = (float)random_between(&random, i % 4 == 3 ? 0 : -1, i % 4 == 3 ? 0.4 : 1);
+    const struct geometry_spheres ends = {
+        .vertex_format = 106,
+        .radius_format = 100,
+        .index_type = INDEX_UINT16,
+        .vertex_stride = 16,
+        .radius_stride = 16,
+        .index_stride = 2,
+        .vertices = {(const unsigned char *)vertices, sizeof vertices},
+        .radii = {(const unsigned char *)&vertices[0][3], sizeof vertices - 12},
+        .indices = {(const unsigned char *)indices, sizeof indices},
+    };
+    const uint32_t count = sizeof indices / sizeof *indices;
+    const struct geometry spheres = {.type = GEOMETRY_SPHERES, .spheres = ends, .range.primitive_count = count};
+    const struct geometry swept = {.type = GEOMETRY_SWEPT_SPHERES,
+                                   .flags = GEOMETRY_OPAQUE,
+                                   .swept_spheres = {ends, SWEPT_SUCCESSIVE, SWEPT_CAPS_CHAINED},
+                                   .range.primitive_count = count};
+    test_scene_init(ret_scene);
+    test_scene_add(ret_scene, &spheres, 1, 0);
+    test_scene_add(ret_scene, &swept, 1, 0);
 }
 
 static inline struct sample_structures sample_scene_structures(const struct test_scene *scene, bool native)
