@@ -13,6 +13,8 @@
 #include "builder/input/prepare.h"
 #include "tests/support/random.h"
 #include "builder/input/vertex_format.h"
+#include "proto/base/kind.h"
+#include "proto/base/vertex_element.h"
 
 enum { DATA_PAGES = 4 };
 
@@ -61,16 +63,23 @@ static uint32_t some_number(struct random *random, uint32_t alignment, uint32_t 
     return (uint32_t)below(random, most) * alignment;
 }
 
-/*
- * Fills the pages with floats followed by indices; or with floats that grow, with few exceptions, so that boxes have
- * min <= max wherever they start.
- */
-static void fill(struct random *random, bool growing)
+/* What the pages hold. */
+enum contents {
+    FLOATS_AND_INDICES,
+    GROWING_FLOATS, /* with few exceptions, so that boxes have min <= max wherever they start */
+    NATURALS_AND_CHAINS, /* floats that are hardly ever negative; indices that often are one more than the last one */
+};
+
+static void fill(struct random *random, enum contents contents)
 {
-    uint32_t mask = (uint32_t)below(random, 4) ? 15 : UINT32_MAX;
+    const bool growing = contents == GROWING_FLOATS;
+    uint32_t mask = (uint32_t)below(random, 4) ? 15 : UINT32_MAX, last = 0;
     for (size_t i = 0; i + 4 <= data_size; i += 4) {
-        float value = growing ? (float)i : (float)random_between(random, -10, 10);
+        float value = growing ? (float)i : (float)random_between(random, contents == FLOATS_AND_INDICES ? -10 : 0, 10);
         uint32_t index = (uint32_t)random_next(random) & mask;
+        if (contents == NATURALS_AND_CHAINS && below(random, 40))
+            index = (last + 1) & mask;
+        last = index;
         if (below(random, 50) == 0)
             value = below(random, 4) ? NAN : (float)random_between(random, -100, 20000);
         memcpy(pages + i, growing || i < data_size / 2 ? (const void *)&value : (const void *)&index, 4);
@@ -108,6 +117,58 @@ static struct geometry some_boxes(struct random *random)
         .type = GEOMETRY_AABBS,
         .aabbs = {some_number(random, 8, 6), some_bytes(random)},
         .range = {.primitive_count = some_number(random, 1, 4), .primitive_offset = some_number(random, 8, 20)},
+    };
+}
+
+static const uint32_t radius_formats[] = {RADIUS_FLOAT16, RADIUS_FLOAT32};
+
+/* Returns more bytes than most primitives need, up to the end of the pages, or some bytes. */
+static struct bytes enough_bytes(struct random *random)
+{
+    const uint64_t size = data_size / 4 + below(random, data_size / 4);
+    return below(random, 5) ? (struct bytes){pages + data_size - size, size} : some_bytes(random);
+}
+
+static struct geometry_spheres some_arrays(struct random *random)
+{
+    static const uint32_t types[] = {INDEX_NONE, INDEX_UINT16, INDEX_UINT32, INDEX_UINT32};
+    uint32_t count;
+    const struct vertex_format *format = vertex_formats(&count);
+    format += below(random, 2) ? 15 : below(random, count);
+    const uint32_t type = types[below(random, 4)];
+    return (struct geometry_spheres){
+        .vertex_format = format->format,
+        .radius_format = radius_formats[below(random, 2)],
+        .index_type = type,
+        .vertex_stride = some_number(random, format->alignment, 8),
+        .radius_stride = some_number(random, 2, 8),
+        .index_stride = below(random, 2) ? (type == INDEX_UINT16 ? 2 : 4) : some_number(random, 1, 9),
+        .vertices = enough_bytes(random),
+        .radii = enough_bytes(random),
+        .indices = type == INDEX_NONE && below(random, 20) ? (struct bytes){NULL, 0} : enough_bytes(random),
+    };
+}
+
+static struct geometry_range some_range(struct random *random)
+{
+    return (struct geometry_range){.primitive_count = some_number(random, 1, 40),
+                                   .primitive_offset = some_number(random, 4, 10),
+                                   .first_vertex = some_number(random, 1, 10)};
+}
+
+static struct geometry some_spheres(struct random *random)
+{
+    return (struct geometry){.type = GEOMETRY_SPHERES, .spheres = some_arrays(random), .range = some_range(random)};
+}
+
+static struct geometry some_swept_spheres(struct random *random)
+{
+    const struct geometry_spheres ends = some_arrays(random);
+    const bool successive = below(random, 2) && (ends.index_type != INDEX_NONE || below(random, 10) == 0);
+    return (struct geometry){
+        .type = GEOMETRY_SWEPT_SPHERES,
+        .swept_spheres = {ends, successive ? SWEPT_SUCCESSIVE : SWEPT_LIST, (uint32_t)below(random, 2)},
+        .range = some_range(random),
     };
 }
 
@@ -169,8 +230,69 @@ static void compare_boxes(const struct geometry *geometry, const struct canonica
     }
 }
 
+static uint32_t named_at(const struct geometry *geometry, const struct geometry_spheres *arrays, uint64_t k)
+{
+    const unsigned char *at = arrays->indices.data + geometry->range.primitive_offset + arrays->index_stride * k;
+    return arrays->index_type == INDEX_UINT16 ? bytes_get16(at) : bytes_get32(at);
+}
+
+/* Reads a vertex as the specification says, and compares it. */
+static void compare_vertex(const struct geometry *geometry, const struct geometry_spheres *arrays, uint64_t vertex,
+                           const float got[4])
+{
+    const uint64_t offset = arrays->index_type == INDEX_NONE ? geometry->range.primitive_offset : 0;
+    const uint64_t number = geometry->range.first_vertex + vertex;
+    float want[4];
+    vertex_format_find(arrays->vertex_format)
+        ->decode(arrays->vertices.data + offset + arrays->vertex_stride * number, 0, 1, want);
+    radius_format_find(arrays->radius_format)
+        ->decode(arrays->radii.data + offset + arrays->radius_stride * number, 0, 1, want + 3);
+    for (int k = 0; k < 4; k++)
+        assert_true(got[k] == want[k] || (isnan(got[k]) && isnan(want[k])));
+    assert_false(got[3] < 0);
+}
+
+static void compare_spheres(const struct geometry *geometry, const struct canonical_geometry *got)
+{
+    const struct geometry_spheres *spheres = &geometry->spheres;
+    assert_true(got->vertex_count <= kind_find(GEOMETRY_SPHERES)->vertices(geometry));
+    for (uint32_t i = 0; i < got->primitive_count; i++) {
+        const uint32_t vertex = got->indices ? got->indices[i] : i;
+        assert_true(vertex < got->vertex_count);
+        compare_vertex(geometry, spheres, spheres->index_type == INDEX_NONE ? i : named_at(geometry, spheres, i),
+                       got->positions + (size_t)4 * vertex);
+    }
+}
+
+static void compare_swept_spheres(const struct geometry *geometry, const struct canonical_geometry *got)
+{
+    const struct geometry_swept_spheres *swept = &geometry->swept_spheres;
+    const bool indexed = swept->ends.index_type != INDEX_NONE, successive = swept->indexing_mode == SWEPT_SUCCESSIVE;
+    assert_true(got->vertex_count <= kind_find(GEOMETRY_SWEPT_SPHERES)->vertices(geometry));
+    for (uint32_t i = 0; i < got->primitive_count; i++) {
+        const uint32_t end = got->indices[i] & CANONICAL_END_MASK;
+        uint64_t ends[2] = {2 * (uint64_t)i, 2 * (uint64_t)i + 1};
+        assert_true(end + 1 < got->vertex_count);
+        bool continues = false;
+        if (indexed && successive) {
+            ends[0] = named_at(geometry, &swept->ends, i);
+            ends[1] = ends[0] + 1;
+            continues = i > 0 && ends[0] == (uint64_t)named_at(geometry, &swept->ends, i - 1) + 1;
+        } else if (indexed) {
+            ends[0] = named_at(geometry, &swept->ends, ends[0]);
+            ends[1] = named_at(geometry, &swept->ends, ends[1]);
+        }
+        compare_vertex(geometry, &swept->ends, ends[0], got->positions + (size_t)4 * end);
+        compare_vertex(geometry, &swept->ends, ends[1], got->positions + (size_t)4 * end + 4);
+        const bool chained = swept->end_caps_mode == SWEPT_CAPS_CHAINED;
+        assert_int_equal((got->indices[i] & CANONICAL_CAP_FIRST) != 0, chained && !continues);
+        assert_int_equal((got->indices[i] & CANONICAL_CAP_SECOND) != 0, chained);
+    }
+}
+
 /* Returns how many inputs were accepted and had primitives. */
-static unsigned try_many(struct random *random, unsigned rounds, struct geometry (*make)(struct random *),
+static unsigned try_many(struct random *random, unsigned rounds, enum contents contents,
+                         struct geometry (*make)(struct random *),
                          void (*compare)(const struct geometry *, const struct canonical_geometry *))
 {
     struct limits limits = limits_default();
@@ -185,7 +307,7 @@ static unsigned try_many(struct random *random, unsigned rounds, struct geometry
         struct canonical canonical;
         struct bvhd_error error;
         if (round % 100 == 0)
-            fill(random, make == some_boxes);
+            fill(random, contents);
         for (uint32_t i = 0; i < 3; i++)
             geometries[i] = make(random);
         enum bvhd_status status = prepare(&input, 0, &limits, &context, &canonical, &error);
@@ -211,19 +333,37 @@ static void triangles_are_read_inside(void **state)
 {
     (void)state;
     struct random random = {23};
-    assert_true(try_many(&random, 40000, some_triangles, compare_triangles) > 2000);
+    assert_true(try_many(&random, 40000, FLOATS_AND_INDICES, some_triangles, compare_triangles) > 2000);
 }
 
 static void boxes_are_read_inside(void **state)
 {
     (void)state;
     struct random random = {24};
-    assert_true(try_many(&random, 20000, some_boxes, compare_boxes) > 500);
+    assert_true(try_many(&random, 20000, GROWING_FLOATS, some_boxes, compare_boxes) > 500);
+}
+
+static void spheres_are_read_inside(void **state)
+{
+    (void)state;
+    struct random random = {25};
+    assert_true(try_many(&random, 40000, NATURALS_AND_CHAINS, some_spheres, compare_spheres) > 2000);
+}
+
+static void swept_spheres_are_read_inside(void **state)
+{
+    (void)state;
+    struct random random = {26};
+    assert_true(try_many(&random, 60000, NATURALS_AND_CHAINS, some_swept_spheres, compare_swept_spheres) > 2000);
 }
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(triangles_are_read_inside),
-                                       cmocka_unit_test(boxes_are_read_inside)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(triangles_are_read_inside),
+        cmocka_unit_test(boxes_are_read_inside),
+        cmocka_unit_test(spheres_are_read_inside),
+        cmocka_unit_test(swept_spheres_are_read_inside),
+    };
     return cmocka_run_group_tests(tests, set_up, NULL);
 }
