@@ -11,7 +11,20 @@
 #include "builder/input/prepare.h"
 #include "tests/support/random.h"
 
-enum { KINDS = 5, MOST = 4096 };
+enum {
+    TRIANGLES,
+    UPDATABLE,
+    BOXES,
+    TOP,
+    OUTLINED,
+    SPHERES,
+    UPDATABLE_SPHERES,
+    SWEPT,
+    UPDATABLE_SWEPT,
+    GATHERED,
+    KINDS
+};
+enum { MOST = 4096 };
 
 static struct memory memory = {.limit = UINT64_MAX, .fail_after = -1};
 static const struct build_context context = {.memory = &memory, .parallel = &parallel_serial};
@@ -33,8 +46,43 @@ static void inputs_outlined(struct test_input *test)
         test->references[2].slabs.min[i] = -(test->references[2].slabs.max[i] = (float)(i + 1));
 }
 
-static void (*const kinds[KINDS])(struct test_input *) = {inputs_triangles, inputs_updatable, inputs_aabbs,
-                                                          inputs_instances, inputs_outlined};
+static void inputs_updatable_spheres(struct test_input *test)
+{
+    inputs_spheres(test);
+    test->input.flags = BUILD_ALLOW_UPDATE;
+}
+
+static void inputs_updatable_swept(struct test_input *test)
+{
+    inputs_swept_spheres(test);
+    test->input.flags = BUILD_ALLOW_UPDATE;
+}
+
+/* The pairs 0 1, 2 2 and 1 3 */
+static void inputs_gathered(struct test_input *test)
+{
+    inputs_updatable_swept(test);
+    test->geometries[0].swept_spheres.indexing_mode = SWEPT_LIST;
+    test->geometries[0].range.primitive_count = 3;
+}
+
+static void (*const kinds[KINDS])(struct test_input *) = {
+    [TRIANGLES] = inputs_triangles,
+    [UPDATABLE] = inputs_updatable,
+    [BOXES] = inputs_aabbs,
+    [TOP] = inputs_instances,
+    [OUTLINED] = inputs_outlined,
+    [SPHERES] = inputs_spheres,
+    [UPDATABLE_SPHERES] = inputs_updatable_spheres,
+    [SWEPT] = inputs_swept_spheres,
+    [UPDATABLE_SWEPT] = inputs_updatable_swept,
+    [GATHERED] = inputs_gathered,
+};
+
+static size_t floats_of(const struct canonical_geometry *geometry)
+{
+    return geometry->type == GEOMETRY_TRIANGLES ? 3 : 4;
+}
 
 static int set_up(void **state)
 {
@@ -88,13 +136,18 @@ static void walk(const struct canonical *view)
             float corners[3][3];
             if (geometry->type == GEOMETRY_TRIANGLES)
                 canonical_triangle(geometry, i, corners);
+            else if (geometry->type == GEOMETRY_SPHERES)
+                assert_true((geometry->indices ? geometry->indices[i] : i) < geometry->vertex_count);
+            else if (geometry->type == GEOMETRY_SWEPT_SPHERES)
+                assert_true((geometry->indices[i] & CANONICAL_END_MASK) + 1 < geometry->vertex_count);
             else if (geometry->type == GEOMETRY_AABBS)
                 assert_true((const unsigned char *)(geometry->boxes + (size_t)6 * i + 6) <= end);
             else
                 assert_true(canonical_instance(geometry, i).reference <= view->reference_count);
         }
         if (geometry->positions)
-            assert_true((const unsigned char *)(geometry->positions + (size_t)3 * geometry->vertex_count) <= end);
+            assert_true((const unsigned char *)(geometry->positions + floats_of(geometry) * geometry->vertex_count) <=
+                        end);
     }
     assert_int_equal(view->primitive_count, primitives);
     assert_int_equal(view->vertex_count, vertices);
@@ -145,7 +198,7 @@ static void what_was_written_opens(void **state)
             assert_int_equal(a->boxes != NULL, b->boxes != NULL);
             assert_int_equal(a->instances != NULL, b->instances != NULL);
             if (a->positions)
-                assert_memory_equal(a->positions, b->positions, (size_t)12 * a->vertex_count);
+                assert_memory_equal(a->positions, b->positions, 4 * floats_of(a) * a->vertex_count);
         }
         for (uint32_t i = 0; i < view.reference_count; i++)
             assert_memory_equal(&view.references[i], &made.references[i], sizeof view.references[i]);
@@ -180,7 +233,9 @@ static void every_byte_of_the_tables_counts(void **state)
         uint64_t tables = 64 + 64 * (uint64_t)bytes_get32(block + 16);
         for (uint64_t at = 0; at < tables; at++) {
             bool flags = at == 12 || at == 13 || (at >= 64 && at % 64 == 4);
-            bool update = kind == 1 && at >= 64 && at % 64 >= 36 && at % 64 < 56;
+            bool updatable =
+                kind == UPDATABLE || kind == UPDATABLE_SPHERES || kind == UPDATABLE_SWEPT || kind == GATHERED;
+            bool update = updatable && at >= 64 && at % 64 >= 36 && at % 64 < (kind == UPDATABLE ? 56 : 64);
             for (unsigned value = 0; value < 256; value++) {
                 unsigned char kept = block[at];
                 block[at] = (unsigned char)value;
@@ -208,44 +263,70 @@ static void reason(int kind, uint64_t at, uint32_t value, enum bvhd_status want,
 static void places_are_named(void **state)
 {
     (void)state;
-    reason(0, 0, 1, BVHD_CORRUPT, "magic");
-    reason(0, 4, 1, BVHD_INCOMPATIBLE, "version");
-    reason(0, 4, 3, BVHD_CORRUPT, "version");
-    reason(0, 4, 4, BVHD_INCOMPATIBLE, "version");
-    reason(0, 8, 2, BVHD_CORRUPT, "type");
-    reason(0, 12, 0x20, BVHD_CORRUPT, "flags");
-    reason(0, 12, 0xc, BVHD_CORRUPT, "flags");
-    reason(0, 16, 1u << 24, BVHD_CORRUPT, "geometryCount");
-    reason(0, 16, 50, BVHD_CORRUPT, "geometryCount");
-    reason(0, 20, 1, BVHD_CORRUPT, "referenceOffset");
-    reason(0, 24, 4, BVHD_CORRUPT, "primitiveCount");
-    reason(0, 28, 4, BVHD_CORRUPT, "vertexCount");
-    reason(0, 32, 4, BVHD_CORRUPT, "size");
-    reason(0, 48, 4, BVHD_CORRUPT, "reserved");
-    reason(0, 64, GEOMETRY_AABBS, BVHD_CORRUPT, "geometries[0].indexed");
-    reason(0, 64 + 64, GEOMETRY_AABBS, BVHD_CORRUPT, "geometries[1].type");
-    reason(0, 64 + 64 + 16, 5, BVHD_CORRUPT, "geometries[1].dataOffset");
-    reason(0, 64 + 24, 5, BVHD_CORRUPT, "geometries[0].indexOffset");
-    reason(0, 64 + 36, 1, BVHD_CORRUPT, "geometries[0].update");
+    reason(TRIANGLES, 0, 1, BVHD_CORRUPT, "magic");
+    reason(TRIANGLES, 4, 1, BVHD_INCOMPATIBLE, "version");
+    reason(TRIANGLES, 4, 3, BVHD_CORRUPT, "version");
+    reason(TRIANGLES, 4, 4, BVHD_INCOMPATIBLE, "version");
+    reason(TRIANGLES, 8, 2, BVHD_CORRUPT, "type");
+    reason(TRIANGLES, 12, 0x20, BVHD_CORRUPT, "flags");
+    reason(TRIANGLES, 12, 0xc, BVHD_CORRUPT, "flags");
+    reason(TRIANGLES, 16, 1u << 24, BVHD_CORRUPT, "geometryCount");
+    reason(TRIANGLES, 16, 50, BVHD_CORRUPT, "geometryCount");
+    reason(TRIANGLES, 20, 1, BVHD_CORRUPT, "referenceOffset");
+    reason(TRIANGLES, 24, 4, BVHD_CORRUPT, "primitiveCount");
+    reason(TRIANGLES, 28, 4, BVHD_CORRUPT, "vertexCount");
+    reason(TRIANGLES, 32, 4, BVHD_CORRUPT, "size");
+    reason(TRIANGLES, 48, 4, BVHD_CORRUPT, "reserved");
+    reason(TRIANGLES, 64, GEOMETRY_AABBS, BVHD_CORRUPT, "geometries[0].indexed");
+    reason(TRIANGLES, 64 + 64, GEOMETRY_AABBS, BVHD_CORRUPT, "geometries[1].type");
+    reason(TRIANGLES, 64 + 64 + 16, 5, BVHD_CORRUPT, "geometries[1].dataOffset");
+    reason(TRIANGLES, 64 + 24, 5, BVHD_CORRUPT, "geometries[0].indexOffset");
+    reason(TRIANGLES, 64 + 36, 1, BVHD_CORRUPT, "geometries[0].update");
     /* an index */
-    reason(0, 192, 9, BVHD_CORRUPT, "geometries[0].vertexCount");
-    reason(1, 192 + 12, 1, BVHD_CORRUPT, "geometries[0].padding");
-    reason(2, 128, 0x7f000000, BVHD_INVALID, "infos[0].geometries[0].aabbs[0].minX");
-    reason(2, 128 + 24 + 4, 0x7fc00000, BVHD_CORRUPT, "geometries[0].boxes");
-    reason(3, 128 + 56, 2, BVHD_CORRUPT, "geometries[0].instances[0]");
-    reason(3, 128 + 52, 0x40000000, BVHD_INVALID, "infos[0].geometries[0].instances[0].flags");
-    reason(3, 128 + 128 + 56, 1, BVHD_CORRUPT, "referenceCount");
-    reason(3, 128 + 256, 3, BVHD_CORRUPT, "references[0]");
-    reason(3, 128 + 256 + 40, 0x7f800000, BVHD_CORRUPT, "references[0]");
+    reason(TRIANGLES, 192, 9, BVHD_CORRUPT, "geometries[0].vertexCount");
+    reason(UPDATABLE, 192 + 12, 1, BVHD_CORRUPT, "geometries[0].padding");
+    reason(BOXES, 128, 0x7f000000, BVHD_INVALID, "infos[0].geometries[0].aabbs[0].minX");
+    reason(BOXES, 128 + 24 + 4, 0x7fc00000, BVHD_CORRUPT, "geometries[0].boxes");
+    reason(TOP, 128 + 56, 2, BVHD_CORRUPT, "geometries[0].instances[0]");
+    reason(TOP, 128 + 52, 0x40000000, BVHD_INVALID, "infos[0].geometries[0].instances[0].flags");
+    reason(TOP, 128 + 128 + 56, 1, BVHD_CORRUPT, "referenceCount");
+    reason(TOP, 128 + 256, 3, BVHD_CORRUPT, "references[0]");
+    reason(TOP, 128 + 256 + 40, 0x7f800000, BVHD_CORRUPT, "references[0]");
     /* unknown, but not in the form that prepare writes */
-    reason(3, 128 + 256 + 64, 0x80000000, BVHD_CORRUPT, "references[0]");
+    reason(TOP, 128 + 256 + 64, 0x80000000, BVHD_CORRUPT, "references[0]");
     /* above the maximum */
-    reason(3, 128 + 256 + 64, 0x3f800000, BVHD_CORRUPT, "references[0]");
-    reason(3, 128 + 256 + 144 + 104, 0xbf800000, BVHD_CORRUPT, "references[1]");
-    reason(4, 128 + 256 + 64, 0xff800000, BVHD_CORRUPT, "references[0]");
-    reason(4, 128 + 256 + 140, 0x7fc00000, BVHD_CORRUPT, "references[0]");
+    reason(TOP, 128 + 256 + 64, 0x3f800000, BVHD_CORRUPT, "references[0]");
+    reason(TOP, 128 + 256 + 144 + 104, 0xbf800000, BVHD_CORRUPT, "references[1]");
+    reason(OUTLINED, 128 + 256 + 64, 0xff800000, BVHD_CORRUPT, "references[0]");
+    reason(OUTLINED, 128 + 256 + 140, 0x7fc00000, BVHD_CORRUPT, "references[0]");
+    reason(SPHERES, 4, 2, BVHD_CORRUPT, "version");
+    reason(SPHERES, 64 + 36, 1, BVHD_CORRUPT, "geometries[0].update");
+    reason(SPHERES, 64 + 56, 100, BVHD_CORRUPT, "geometries[0].update");
+    reason(TRIANGLES, 64 + 56, 100, BVHD_CORRUPT, "geometries[0].reserved");
+    reason(UPDATABLE_SPHERES, 64 + 36, 3, BVHD_CORRUPT, "geometries[0].update");
+    reason(UPDATABLE_SPHERES, 64 + 44, 1, BVHD_CORRUPT, "geometries[0].update");
+    reason(UPDATABLE_SPHERES, 64 + 56, 106, BVHD_CORRUPT, "geometries[0].update");
+    reason(UPDATABLE_SPHERES, 64 + 60, 1, BVHD_CORRUPT, "geometries[0].update");
+    reason(UPDATABLE_SPHERES, 128 + 52, 1, BVHD_CORRUPT, "geometries[1].update");
+    reason(UPDATABLE_SWEPT, 64 + 60, 4, BVHD_CORRUPT, "geometries[0].update");
+    reason(UPDATABLE_SWEPT, 64 + 44, 1, BVHD_CORRUPT, "geometries[0].update");
+    reason(UPDATABLE_SWEPT, 128 + 52, 1, BVHD_CORRUPT, "geometries[1].update");
+    /* SUCCESSIVE without indices */
+    reason(UPDATABLE_SWEPT, 128 + 60, 1, BVHD_CORRUPT, "geometries[1].update");
+    /* not indexed */
+    reason(SWEPT, 64 + 32, 0, BVHD_CORRUPT, "geometries[0].vertexCount");
+    /* the first index: another end, a cap less */
+    reason(SPHERES, 192, 4, BVHD_CORRUPT, "geometries[0].vertexCount");
+    reason(SPHERES, 192, 1, BVHD_CORRUPT, "geometries[0].indices");
+    reason(SWEPT, 192, 0xc0000004, BVHD_CORRUPT, "geometries[0].vertexCount");
+    reason(SWEPT, 192, 0xc0000001, BVHD_CORRUPT, "geometries[0].indices");
+    reason(SWEPT, 192, 0x80000000, BVHD_CORRUPT, "geometries[0].indices");
+    reason(GATHERED, 192, 0, BVHD_CORRUPT, "geometries[0].indices");
+    /* the radius of the first vertex */
+    reason(SPHERES, 192 + 32 + 12, 0xbf800000, BVHD_INVALID, "infos[0].geometries[0].spheres[0].radius");
+    reason(SWEPT, 192 + 48 + 12, 0xbf800000, BVHD_INVALID, "infos[0].geometries[0].linearSweptSpheres[0].radii[0]");
     /* empty bounds, but not in the form that prepare writes */
-    reason(4, 128 + 256 + 40, 0x7f7fffff, BVHD_CORRUPT, "references[0]");
+    reason(OUTLINED, 128 + 256 + 40, 0x7f7fffff, BVHD_CORRUPT, "references[0]");
 }
 
 static void random_flips_are_survived(void **state)
@@ -278,7 +359,7 @@ static void every_allocation_may_fail(void **state)
     (void)state;
     unsigned char block[MOST];
     struct canonical view;
-    uint64_t size = write_block(3, block);
+    uint64_t size = write_block(TOP, block);
     for (int failures = 0; failures < 2; failures++) {
         atomic_store(&memory.fail_after, failures);
         assert_int_equal(open_block(block, size, &view, NULL), BVHD_NO_MEMORY);
