@@ -20,7 +20,7 @@
 #include "proto/base/geometry.h"
 #include "proto/base/status.h"
 
-/* A block has the oldest version that can express it; blocks with spheres or linear swept spheres need the newer one. */
+/* A block has the oldest version that can express it: spheres and linear swept spheres need the newer one. */
 enum { CANONICAL_VERSION = 2, CANONICAL_VERSION_ROUND = 3 };
 
 /* The index of a linear swept sphere: whether its ends have caps, and its first end. */
@@ -39,8 +39,8 @@ struct canonical_geometry {
     const float *positions; /* triangles: vertex_count * 3; spheres and linear swept spheres: vertex_count * 4 */
     /*
      * triangles: primitive_count * 3 indices, each < vertex_count; NULL: vertex_count = 3 * primitive_count. Spheres:
-     * primitive_count, each < vertex_count; NULL: vertex_count = primitive_count. Linear swept spheres: primitive_count,
-     * each end < vertex_count - 1; never NULL unless there are none.
+     * primitive_count, each < vertex_count; NULL: vertex_count = primitive_count. Linear swept spheres:
+     * primitive_count, each end < vertex_count - 1; NULL only if there are none.
      */
     const uint32_t *indices;
     const float *boxes; /* AABBs: primitive_count * 6 */

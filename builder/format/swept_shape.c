@@ -83,10 +83,11 @@ static enum part part_of(const struct shape *shape, unsigned caps)
  * Adds what an end reaches along the axes: the reach of its sphere where the extreme point belongs to its cap, and that
  * of its tangent circle otherwise, which bounds the cap and the side.
  *
- * With the unit vector d along the axis and s = (r0 - r1) / length, the circle has the centre p + r s d and the radius r
- * sqrt(1 - s^2), and reaches this times sqrt(1 - d[k]^2) along axis k. The extreme point p[k] + r belongs to the first
- * end's cap if d[k] <= s, and to the second one's if d[k] >= s; -d[k] takes the place of d[k] for p[k] - r. On the
- * circle itself both are the same, so that it does no harm to take the sphere's reach where rounding leaves this open.
+ * With the unit vector d along the axis and s = (r0 - r1) / length, the circle has the centre p + r s d and the radius
+ * r sqrt(1 - s^2), and reaches this times sqrt(1 - d[k]^2) along axis k. The extreme point p[k] + r belongs to the
+ * first end's cap if d[k] <= s, and to the second one's if d[k] >= s; -d[k] takes the place of d[k] for p[k] - r. On
+ * the circle itself both are the same, so that it does no harm to take the sphere's reach where rounding leaves this
+ * open.
  *
  * In u = 2^-53: s and d[k] have relative errors below 6, so that r s d[k] is off by at most 15 r. 1 - s^2 is off by at
  * most 14, which the addition of 2^-48 = 32 u makes up for; the root of 1 - d[k]^2, as a quotient of sums of squares,

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * input_kind.h - what this stage does differently for each kind of geometry: one struct for each, which the file of the kind
- * fills, such as triangles.c.
+ * input_kind.h - what this stage does differently for each kind of geometry: one struct for each, which the file of the
+ * kind fills, such as triangles.c.
  *
  * Functions of hot loops take ranges of primitives or vertices, so that one call through a pointer serves thousands of
  * them; `look` serves callers that need single ones. Every geometry that the functions get has passed the checks that
@@ -45,7 +45,8 @@ struct input_kind {
     /* Checks what was read when all primitives have been, and counts the vertices in use. NULL: nothing to do. */
     enum bvhd_status (*finish)(struct fetch *fetch, uint32_t geometry, struct bvhd_error *error);
     /*
-     * Makes canonical indices, which count from the lowest one, of those that were read; called on any thread, where `finish` set must_rebase. NULL: no indices.
+     * Makes canonical indices, which count from the lowest one, of those that were read; called on any thread, where
+     * `finish` set must_rebase. NULL: no indices.
      */
     void (*rebase)(struct fetch *fetch, uint32_t geometry, uint32_t first, uint32_t count);
     /* Reads vertices once; called on any thread. NULL: the kind has none. */
