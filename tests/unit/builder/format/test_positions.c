@@ -243,6 +243,30 @@ static void memory_is_in_proportion(void **state)
     assert_int_equal(memory.live, 0);
 }
 
+/* Other primitives than triangles have no corners, although some of them have vertices. */
+static void other_primitives_are_refused(void **state)
+{
+    static void (*const make[])(struct test_input *) = {inputs_aabbs, inputs_spheres, inputs_swept_spheres};
+    (void)state;
+    for (size_t i = 0; i < sizeof make / sizeof *make; i++) {
+        static struct test_input test;
+        struct bed bed = {.variant = 0};
+        const struct limits limits = limits_default();
+        struct bvhd_error error;
+        float corners[3][3];
+        make[i](&test);
+        test.input.flags = BUILD_ALLOW_DATA_ACCESS;
+        assert_int_equal(batch_build(&test.input, 1, &limits, &context, &bed.item, &error), BVHD_OK);
+        assert_int_equal(bed.item.status, BVHD_OK);
+        open_bed(&bed);
+        assert_int_equal(positions_get(bed.positions, bed.item.blob, 0, 0, corners, &error), BVHD_INVALID);
+        assert_string_equal(error.where, "geometry");
+        positions_unref(bed.positions);
+        batch_finish(&bed.item, 1, &memory);
+    }
+    assert_int_equal(memory.live, 0);
+}
+
 int main(void)
 {
     memory_init(&memory, UINT64_MAX);
@@ -250,6 +274,7 @@ int main(void)
         cmocka_unit_test(corners_are_those_of_the_request),
         cmocka_unit_test(padding_is_no_triangle),
         cmocka_unit_test(memory_is_in_proportion),
+        cmocka_unit_test(other_primitives_are_refused),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

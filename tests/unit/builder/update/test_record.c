@@ -4,6 +4,7 @@
 
 #include <math.h>
 
+#include "builder/input/canonical_form.h"
 #include "builder/update/record.h"
 #include "builder/workers.h"
 #include "tests/support/builder/update_bed.h"
@@ -39,6 +40,7 @@ static void records_hold_what_is_compared(void **state)
     struct record_header *bytes = complete_input(&input);
     struct record record;
     assert_int_equal(record_open((struct bytes){(unsigned char *)bytes, bytes->size}, &record, NULL), BVHD_OK);
+    assert_int_equal(record.header->version, 1);
     assert_int_equal(record.header->type, STRUCTURE_BOTTOM);
     assert_int_equal(record.header->flags, BUILD_ALLOW_UPDATE | BUILD_PREFER_FAST_TRACE);
     assert_int_equal(record.header->layout_flags, PORTABLE_FAST_TRIANGLES);
@@ -54,6 +56,34 @@ static void records_hold_what_is_compared(void **state)
     for (uint32_t i = 0; i < 5; i++)
         assert_true(record_is_active(&record, i));
     free(bytes);
+}
+
+static void records_hold_formats_and_modes(void **state)
+{
+    static struct test_input input;
+    (void)state;
+    for (int swept = 0; swept < 2; swept++) {
+        if (swept)
+            inputs_swept_spheres(&input);
+        else
+            inputs_spheres(&input);
+        input.input.flags = BUILD_ALLOW_UPDATE;
+        input.vertices[2][3] = NAN; /* the third sphere of the second geometry, and an end of its second swept one */
+        struct record_header *bytes = complete_input(&input);
+        struct record record;
+        assert_int_equal(record_open((struct bytes){(unsigned char *)bytes, bytes->size}, &record, NULL), BVHD_OK);
+        assert_int_equal(record.header->version, 2);
+        for (int g = 0; g < 2; g++) {
+            assert_int_equal(record.geometries[g].vertex_format, 106);
+            assert_int_equal(record.geometries[g].radius_format, 100);
+            assert_int_equal(record.geometries[g].index_type, g ? INDEX_NONE : INDEX_UINT16);
+        }
+        assert_int_equal(record.geometries[0].swept_modes, swept ? FORM_SWEPT_SUCCESSIVE | FORM_SWEPT_CHAINED : 0);
+        assert_int_equal(record.geometries[1].swept_modes, 0);
+        for (uint32_t i = 0; i < 3; i++)
+            assert_int_equal(record_is_active(&record, 6 + i), i != (swept ? 1 : 2));
+        free(bytes);
+    }
 }
 
 static void inactive_primitives_have_a_bit(void **state)
@@ -271,6 +301,50 @@ static void foreign_bytes_are_checked(void **state)
     free(good);
 }
 
+static const struct damage swept_damages[] = {
+    {HEADER(version), 1, BVHD_CORRUPT, "record.geometries[0]"},
+    {HEADER(version), RECORD_NEWEST + 1, BVHD_INCOMPATIBLE, "record.version"},
+    {HEADER(target), TARGET_LAVAPIPE, BVHD_CORRUPT, "record.device"},
+    {ROW(type), GEOMETRY_SPHERES, BVHD_CORRUPT, "record.geometries[0]"},
+    {ROW(type), GEOMETRY_TRIANGLES, BVHD_CORRUPT, "record.geometries[0]"},
+    {ROW(indexed), 2, BVHD_CORRUPT, "record.geometries[0]"},
+    {ROW(indexed), 0, BVHD_CORRUPT, "record.geometries[0]"},
+    {ROW(swept_modes), 4, BVHD_CORRUPT, "record.geometries[0]"},
+};
+
+static void foreign_rows_of_new_kinds_are_checked(void **state)
+{
+    static struct test_input input;
+    struct bvhd_error error;
+    (void)state;
+    inputs_swept_spheres(&input);
+    input.input.flags = BUILD_ALLOW_UPDATE;
+    struct record_header *bytes = complete_input(&input), *copy = malloc(bytes->size);
+    assert_int_equal(open_bytes(bytes, bytes->size, &error), BVHD_OK);
+    for (size_t i = 0; i < sizeof swept_damages / sizeof *swept_damages; i++) {
+        memcpy(copy, bytes, bytes->size);
+        memcpy((char *)copy + swept_damages[i].offset, &swept_damages[i].value, 4);
+        assert_int_equal(open_bytes(copy, bytes->size, &error), swept_damages[i].status);
+        assert_string_equal(error.where, swept_damages[i].where);
+    }
+    /* No native structure has such geometries. */
+    memcpy(copy, bytes, bytes->size);
+    copy->target = TARGET_LAVAPIPE;
+    copy->device.variant = 1;
+    assert_int_equal(open_bytes(copy, bytes->size, &error), BVHD_CORRUPT);
+    assert_string_equal(error.where, "record.geometries[0]");
+    /* Without rows nothing is new. */
+    memcpy(copy, bytes, sizeof *bytes);
+    copy->size = sizeof *bytes;
+    copy->geometry_count = copy->primitive_count = copy->inactive_count = 0;
+    assert_int_equal(open_bytes(copy, sizeof *bytes, &error), BVHD_CORRUPT);
+    assert_string_equal(error.where, "record.version");
+    copy->version = 1;
+    assert_int_equal(open_bytes(copy, sizeof *bytes, &error), BVHD_OK);
+    free(copy);
+    free(bytes);
+}
+
 static void foreign_bits_are_checked(void **state)
 {
     static struct test_input input;
@@ -298,10 +372,15 @@ static void foreign_bits_are_checked(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(records_hold_what_is_compared), cmocka_unit_test(inactive_primitives_have_a_bit),
-        cmocka_unit_test(unused_vertices_do_not_count),  cmocka_unit_test(threads_do_not_matter),
-        cmocka_unit_test(failures_leave_nothing),        cmocka_unit_test(foreign_bytes_are_checked),
+        cmocka_unit_test(records_hold_what_is_compared),
+        cmocka_unit_test(inactive_primitives_have_a_bit),
+        cmocka_unit_test(unused_vertices_do_not_count),
+        cmocka_unit_test(threads_do_not_matter),
+        cmocka_unit_test(failures_leave_nothing),
+        cmocka_unit_test(foreign_bytes_are_checked),
         cmocka_unit_test(foreign_bits_are_checked),
+        cmocka_unit_test(records_hold_formats_and_modes),
+        cmocka_unit_test(foreign_rows_of_new_kinds_are_checked),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

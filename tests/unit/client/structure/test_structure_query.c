@@ -110,7 +110,7 @@ static VkAccelerationStructureCompatibilityKHR compatible(const void *data, cons
     return answer;
 }
 
-/* Portable structures of this version are compatible; native ones, if their format is the one that is given. */
+/* Portable structures of known versions are compatible; native ones, if their format is the one that is given. */
 static void compatibility_is_decided_by_both_names(void **state)
 {
     (void)state;
@@ -124,6 +124,12 @@ static void compatibility_is_decided_by_both_names(void **state)
         names[i] ^= 1;
         assert_int_equal(compatible(names, &format), VK_ACCELERATION_STRUCTURE_COMPATIBILITY_INCOMPATIBLE_KHR);
         names[i] ^= 1;
+    }
+    for (unsigned version = 0; version < 256; version++) {
+        names[31] = (unsigned char)version;
+        assert_int_equal(compatible(names, NULL), version == 1 || version == 2
+                                                      ? VK_ACCELERATION_STRUCTURE_COMPATIBILITY_COMPATIBLE_KHR
+                                                      : VK_ACCELERATION_STRUCTURE_COMPATIBILITY_INCOMPATIBLE_KHR);
     }
     memcpy(names, format.driver_uuid, VK_UUID_SIZE);
     memcpy(names + VK_UUID_SIZE, format.compatibility_uuid, VK_UUID_SIZE);
