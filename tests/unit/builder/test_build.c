@@ -8,6 +8,7 @@
 #include "builder/kernel/clip.h"
 #include "builder/format/portable.h"
 #include "builder/input/primitive.h"
+#include "proto/base/kind.h"
 #include "tests/support/builder/builders.h"
 #include "tests/support/builder/test_ir.h"
 #include "builder/workers.h"
@@ -60,17 +61,19 @@ static struct ir sound_ir(const struct canonical *canonical, enum build_quality 
     return sound_ir_by(BUILDER_OWN, canonical, quality, context, stats);
 }
 
+static const uint32_t types[KIND_COUNT] = {GEOMETRY_TRIANGLES, GEOMETRY_AABBS, GEOMETRY_INSTANCES, GEOMETRY_SPHERES,
+                                           GEOMETRY_SWEPT_SPHERES};
+
 static void check_every_kind(enum build_builder builder)
 {
     static const char *const methods[][QUALITY_HIGH + 1] = {
         [BUILDER_OWN] = {[QUALITY_FAST] = "ploc", [QUALITY_BALANCED] = "binned", [QUALITY_HIGH] = "spatial"},
         [BUILDER_EMBREE] = {
             [QUALITY_FAST] = "embree-low", [QUALITY_BALANCED] = "embree-medium", [QUALITY_HIGH] = "embree-high"}};
-    static const uint32_t types[] = {GEOMETRY_TRIANGLES, GEOMETRY_AABBS, GEOMETRY_INSTANCES};
     struct memory memory;
     memory_init(&memory, UINT64_MAX);
     struct build_context context = context_over(&memory, &parallel_serial);
-    for (int t = 0; t < 3; t++)
+    for (int t = 0; t < KIND_COUNT; t++)
         for (uint32_t count = 1; count < 3000; count = count * 6 + (count < 3))
             for (enum build_quality quality = QUALITY_FAST; quality <= QUALITY_HIGH; quality++) {
                 struct test_shape shape = soup;
@@ -154,7 +157,7 @@ static void qualities_have_names(void **state)
     assert_string_equal(build_builder_name((enum build_builder)77), "unknown");
 }
 
-static void check_threads(enum build_builder builder)
+static void check_threads(enum build_builder builder, uint32_t type)
 {
     struct memory memory;
     memory_init(&memory, UINT64_MAX);
@@ -166,6 +169,7 @@ static void check_threads(enum build_builder builder)
         uint64_t size = 0;
         options.builder = builder;
         options.quality = quality;
+        shape.type = type;
         shape.primitives = builder                   ? 3000
                            : quality == QUALITY_HIGH ? 30000
                                                      : 20000; /* times two geometries: more than one piece */
@@ -197,7 +201,10 @@ static void bytes_do_not_depend_on_threads(void **state)
 {
     (void)state;
     BUILDERS_FOR(builder)
-    check_threads(builder);
+    {
+        check_threads(builder, GEOMETRY_TRIANGLES);
+        check_threads(builder, GEOMETRY_SWEPT_SPHERES);
+    }
 }
 
 /* Builds work for magnitudes at the ends of float's range. */
@@ -207,18 +214,19 @@ static void check_magnitudes(enum build_builder builder)
     struct memory memory;
     memory_init(&memory, UINT64_MAX);
     struct build_context context = context_over(&memory, &parallel_serial);
-    for (int type = GEOMETRY_TRIANGLES; type <= GEOMETRY_AABBS; type++)
+    for (int t = 0; t < KIND_COUNT; t++)
         for (size_t i = 0; i < sizeof sizes / sizeof *sizes; i++)
             for (enum build_quality quality = QUALITY_FAST; quality <= QUALITY_HIGH; quality++) {
                 struct test_shape shape = soup;
                 struct test_model model;
                 struct build_stats stats;
-                shape.type = (uint32_t)type;
+                shape.type = types[t];
+                shape.geometries = types[t] == GEOMETRY_INSTANCES ? 1 : 2;
                 shape.primitives = quality == QUALITY_HIGH ? 300 : 1500;
                 shape.size = sizes[i];
                 test_model_make(&shape, 6, &model);
                 struct ir ir = sound_ir_by(builder, &model.canonical, quality, &context, &stats);
-                assert_true(type == GEOMETRY_TRIANGLES || stats.refs >= model.canonical.primitive_count);
+                assert_true(types[t] != GEOMETRY_AABBS || stats.refs >= model.canonical.primitive_count);
                 assert_true(stats.depth < 40);
                 ir_finish(&ir);
                 test_model_finish(&model);
@@ -368,7 +376,7 @@ static void options_are_checked(void **state)
  * Each allocation fails once: nothing leaks, the error is BVHD_NO_MEMORY, and the same input builds in the next
  * attempt.
  */
-static void fail_allocations(enum build_builder builder)
+static void fail_allocations(enum build_builder builder, uint32_t type)
 {
     for (enum build_quality quality = QUALITY_FAST; quality <= QUALITY_HIGH; quality++) {
         struct test_shape shape = soup;
@@ -376,6 +384,7 @@ static void fail_allocations(enum build_builder builder)
         struct memory memory;
         struct build_options options = balanced;
         enum bvhd_status status = BVHD_NO_MEMORY;
+        shape.type = type;
         shape.primitives = quality == QUALITY_BALANCED ? 3000 : 300;
         options.builder = builder;
         options.quality = quality;
@@ -404,7 +413,10 @@ static void failing_allocations_leave_nothing(void **state)
 {
     (void)state;
     BUILDERS_FOR(builder)
-    fail_allocations(builder);
+    {
+        fail_allocations(builder, GEOMETRY_TRIANGLES);
+        fail_allocations(builder, GEOMETRY_SWEPT_SPHERES);
+    }
 }
 
 struct cancelling {
