@@ -92,7 +92,9 @@ bool traverse_groups_pay(const struct traverse_stream *stream)
     const struct scene *scene = stream->scene;
     const struct traverse_options *options = stream->options;
     const bool is_unpacked =
-        scene->unpacked && (scene->top ? scene->unpacked_top != NULL : scene->bottom_count > 0 && scene->unpacked[0]);
+        scene->unpacked && (scene->top ? scene->unpacked_top != NULL
+                                       : scene->bottom_count > 0 && scene->unpacked[0] &&
+                                             scene->bottoms[0]->header->content == PORTABLE_TRIANGLES);
     return is_unpacked &&
            (!options ||
             (!options->candidate && !options->flip_order && !options->baseline_only && !options->exact_only)) &&

@@ -5,9 +5,10 @@
  * fewer nodes. The corners of its triangles lie beside each other, so that a triangle is one access to memory instead
  * of four. The copy takes 224 bytes a node and 48 bytes a triangle, about 70 bytes a triangle in all.
  *
- * Structures of triangles and top levels are unpacked. A child's box is the box in the portable node, less what lies
- * outside all triangles below it, or outside the portable boxes of all instances below it. A hit lies in the boxes of
- * the portable nodes above it, which portable.h guarantees, and in the box around its triangle, so that no hit is lost.
+ * Structures of triangles, of spheres and of linear swept spheres, and top levels are unpacked. A child's box is the
+ * box in the portable node, less what lies outside all primitives below it, or outside the portable boxes of all instances below
+ * it. A hit lies in the boxes of the portable nodes above it, which portable.h guarantees, and in the box around its
+ * primitive, so that no hit is lost. Spheres and their vertices stay where they are.
  */
 #ifndef BVHD_UNPACKED_H
 #define BVHD_UNPACKED_H
