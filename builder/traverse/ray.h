@@ -46,14 +46,16 @@ struct ray {
 /* A hit. It may alias, so that the library fills hits of a program in their place. */
 struct __attribute__((may_alias)) ray_hit {
     float t; /* t, u, v are computed in double and rounded once */
-    float u, v; /* barycentrics: position = (1-u-v) v0 + u v1 + v v2; 0 for AABBs */
+    float u, v; /* as those of struct bvhd_cpu_hit */
     uint32_t instance; /* position in the TLAS request; RAY_NO_INSTANCE if there is no TLAS */
     uint32_t custom_index; /* 24 bits */
     uint32_t geometry; /* index in its BLAS */
     uint32_t primitive; /* index in its geometry */
     bool front_face : 1;
     bool is_aabb : 1;
-    uint32_t unused : 30;
+    bool is_sphere : 1;
+    bool is_swept_sphere : 1;
+    uint32_t unused : 28;
     uint32_t sbt_offset; /* 24 bits */
     uint32_t handle; /* row of the scene's bottoms that was hit; 0 if there is no TLAS; RAY_NO_BOTTOM: a miss */
     uint32_t record; /* row in the BLAS's records, from which positions are fetched */

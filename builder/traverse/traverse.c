@@ -74,8 +74,10 @@ void traverse_walk_bottom(struct traverse_walk *walk, uint32_t bottom, const str
     const struct leaf_kind *kind = leaf_kind_of(view);
     if (kind->is_top || !traverse_state_enter(&walk->state, instance, kind->skip_flag, kind->is_triangles))
         return;
-    if (kind->prepare)
+    if (kind->prepare) {
+        walk->state.round_kind = kind->round_kind;
         kind->prepare(&walk->state);
+    }
     walk->view = view;
     walk->unpacked = unpacked_of(walk->scene, bottom);
     visit_nodes(walk, kind);

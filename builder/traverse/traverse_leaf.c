@@ -22,7 +22,9 @@ void traverse_leaf_describe(const struct traverse_state *state, const struct tra
         .geometry = geometry,
         .primitive = primitive,
         .front_face = found->front_face,
-        .is_aabb = found->is_aabb,
+        .is_aabb = found->kind == MET_AABB,
+        .is_sphere = found->kind == MET_SPHERE,
+        .is_swept_sphere = found->kind == MET_SWEPT_SPHERE,
         .sbt_offset = instance->sbt_and_flags & 0xffffff,
         .handle = instance->bottom,
         .record = found->record,
@@ -108,7 +110,7 @@ static void offer(struct traverse_state *state, struct traverse_found found, boo
         state->is_done = state->is_done || is_end;
         return;
     }
-    if (found.is_aabb)
+    if (found.kind == MET_AABB)
         found.t = hit.t;
     if (!is_better(state, &found))
         return;
@@ -122,7 +124,7 @@ static inline void consider(struct traverse_state *state, struct traverse_found 
     bool opaque = is_opaque(state, &found);
     if (!is_better(state, &found) || state->ray->flags & (opaque ? RAY_CULL_OPAQUE : RAY_CULL_NO_OPAQUE))
         return;
-    if (state->options->candidate && (found.is_aabb || !opaque))
+    if (state->options->candidate && (found.kind == MET_AABB || !opaque))
         offer(state, found, opaque);
     else
         accept(state, found);
@@ -145,7 +147,7 @@ static inline void take(struct traverse_state *state, uint32_t record, uint64_t 
     state->best.record = record;
     state->best.is_opaque = is_opaque;
     state->best.front_face = hit->front != state->is_flipped;
-    state->best.is_aabb = false;
+    state->best.kind = MET_TRIANGLE;
     shorten(state, t);
 }
 
@@ -181,7 +183,14 @@ void traverse_leaf_triangle(struct traverse_state *state, uint32_t record, uint6
 void traverse_leaf_round(struct traverse_state *state, uint32_t record, uint64_t id, bool is_opaque, double t, double u)
 {
     const struct traverse_found found = {
-        .t = t, .u = u, .id = id, .record = record, .is_opaque = is_opaque, .front_face = true};
+        .t = t,
+        .u = u,
+        .id = id,
+        .record = record,
+        .is_opaque = is_opaque,
+        .front_face = true,
+        .kind = (uint8_t)state->round_kind,
+    };
     consider(state, found);
 }
 
@@ -189,7 +198,7 @@ void traverse_leaf_aabb(struct traverse_state *state, uint32_t record, uint64_t 
                         const float max[3])
 {
     struct traverse_found found = {
-        .id = id, .record = record, .is_opaque = is_opaque, .is_aabb = true, .is_closed = true};
+        .id = id, .record = record, .is_opaque = is_opaque, .kind = MET_AABB, .is_closed = true};
     if (boxtest_aabb(state->origin, state->direction, min, max, state->ray->tmin, state->tmax, &found.t))
         consider(state, found);
 }

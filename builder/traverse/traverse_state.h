@@ -23,6 +23,9 @@ struct traverse_instance {
     uint32_t record; /* row of the top level's records */
 };
 
+/* What a ray has met. */
+enum traverse_kind { MET_TRIANGLE, MET_AABB, MET_SPHERE, MET_SWEPT_SPHERE };
+
 /* A hit, or a candidate. */
 struct traverse_found {
     double t, u, v;
@@ -30,7 +33,8 @@ struct traverse_found {
     uint64_t id;
     uint32_t record;
     bool is_opaque; /* its geometry is opaque */
-    bool front_face, is_aabb;
+    bool front_face;
+    uint8_t kind; /* MET_ */
     bool is_closed; /* it counts at both ends of the ray's interval; triangles do not */
 };
 
@@ -63,6 +67,7 @@ struct traverse_state {
     double origin[3], direction[3];
     struct triangle_ray triangle_ray; /* if its primitives are triangles */
     struct round_ray round_ray; /* if they are spheres or linear swept spheres */
+    enum traverse_kind round_kind; /* which of these they are */
 };
 
 /* Starts a ray, which is in no space yet. Returns false if its interval is empty, so that nothing is hit. */

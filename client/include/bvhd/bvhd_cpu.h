@@ -16,6 +16,11 @@
  * visits: of triangles at equal distances, to 32 significant bits, the one with the lowest (instance, geometry,
  * primitive) is reported.
  *
+ * Spheres and linear swept spheres are hit where the ray enters them from outside, if tmin < t < tmax. A ray that
+ * begins inside one, or gets inside through an end without a cap, does not hit it from there. They count as triangles
+ * do for opacity, candidates and BVHD_CPU_RAY_SKIP_TRIANGLES, and have no back faces. Only portable structures have
+ * them.
+ *
  * Threads: a scene is immutable once it is created. Any number of threads may trace through it at once, and a call uses
  * no thread but the caller's. Nothing is allocated during a trace.
  *
@@ -99,11 +104,11 @@ enum {
     BVHD_CPU_RAY_OPAQUE = 0x1, /* all geometry counts as opaque; not together with NO_OPAQUE */
     BVHD_CPU_RAY_NO_OPAQUE = 0x2, /* no geometry counts as opaque */
     BVHD_CPU_RAY_TERMINATE_ON_FIRST_HIT = 0x4, /* any hit is the answer, not only the closest one */
-    BVHD_CPU_RAY_CULL_BACK_FACING = 0x10, /* at most one of this, CULL_FRONT_FACING and SKIP_TRIANGLES */
-    BVHD_CPU_RAY_CULL_FRONT_FACING = 0x20,
+    BVHD_CPU_RAY_CULL_BACK_FACING = 0x10, /* triangles; at most one of this, CULL_FRONT_FACING and SKIP_TRIANGLES */
+    BVHD_CPU_RAY_CULL_FRONT_FACING = 0x20, /* triangles */
     BVHD_CPU_RAY_CULL_OPAQUE = 0x40, /* at most one of this, CULL_NO_OPAQUE, OPAQUE and NO_OPAQUE */
     BVHD_CPU_RAY_CULL_NO_OPAQUE = 0x80,
-    BVHD_CPU_RAY_SKIP_TRIANGLES = 0x100, /* not together with SKIP_AABBS */
+    BVHD_CPU_RAY_SKIP_TRIANGLES = 0x100, /* and spheres and linear swept spheres; not together with SKIP_AABBS */
     BVHD_CPU_RAY_SKIP_AABBS = 0x200,
 };
 
@@ -137,7 +142,11 @@ struct bvhd_cpu_ray {
  */
 struct bvhd_cpu_hit {
     float t; /* the point is origin + t * direction */
-    float u, v; /* the point is (1 - u - v) * v0 + u * v1 + v * v2; 0 for AABBs */
+    /*
+     * The point of a triangle is (1 - u - v) * v0 + u * v1 + v * v2. Of a linear swept sphere, u says how far the
+     * sphere that touches the point has moved: 0 at the first end, 1 at the second. Both are 0 otherwise.
+     */
+    float u, v;
     uint32_t instance; /* its position among the instances of the top level; BVHD_CPU_NO_INSTANCE without a top level */
     uint32_t custom_index; /* instanceCustomIndex, 24 bits */
     uint32_t geometry; /* index in the bottom level */
@@ -149,8 +158,10 @@ struct bvhd_cpu_hit {
 };
 
 enum {
-    BVHD_CPU_HIT_FRONT_FACE = 0x1,
+    BVHD_CPU_HIT_FRONT_FACE = 0x1, /* always set for spheres and linear swept spheres, never for AABBs */
     BVHD_CPU_HIT_AABB = 0x2,
+    BVHD_CPU_HIT_SPHERE = 0x4,
+    BVHD_CPU_HIT_SWEPT_SPHERE = 0x8, /* a linear swept sphere */
 };
 
 /* ---- Candidates: decisions during the traversal ---- */
@@ -173,7 +184,7 @@ struct bvhd_cpu_candidate {
      */
     struct bvhd_cpu_hit *hit;
     float tmax; /* t of the closest hit that was confirmed so far; else the ray's tmax */
-    uint32_t is_opaque; /* 1: an AABB that counts as opaque. Opaque triangles are no candidates: they are hits */
+    uint32_t is_opaque; /* 1: an AABB that counts as opaque. Other opaque primitives are no candidates: they are hits */
     float object_origin[3], object_direction[3]; /* the ray in the space of the bottom level; t is the same there */
     /* The instance's transform and its inverse, row-major 3x4; the identity without a top level. */
     float object_to_world[12], world_to_object[12];
@@ -181,8 +192,8 @@ struct bvhd_cpu_candidate {
 
 /*
  * Decides about a candidate: returns bits of BVHD_CPU_CONFIRM and BVHD_CPU_TERMINATE, or BVHD_CPU_IGNORE. It is called
- * by the thread that traces, for each triangle that does not count as opaque and each AABB that can still be the
- * answer, in any order. A primitive can be offered more than once, unless its geometry has
+ * by the thread that traces, for each AABB and for each other primitive that does not count as opaque, if it can still
+ * be the answer, in any order. A primitive can be offered more than once, unless its geometry has
  * VK_GEOMETRY_NO_DUPLICATE_ANY_HIT_INVOCATION_BIT_KHR. `candidate` and what it points to are valid during the call.
  */
 typedef uint32_t (*bvhd_cpu_candidate_function)(void *context, struct bvhd_cpu_candidate *candidate);
@@ -225,7 +236,7 @@ struct bvhd_cpu_trace {
     uint64_t ray_count;
     uint32_t flags; /* BVHD_CPU_TRACE_ */
     uint32_t reserved; /* 0 */
-    bvhd_cpu_candidate_function candidate; /* NULL: triangles are hits, and AABBs are hit where the ray enters them */
+    bvhd_cpu_candidate_function candidate; /* NULL: all primitives are hits, AABBs where the ray enters them */
     void *context; /* for `candidate` */
     struct bvhd_cpu_counters *counters; /* may be NULL */
 };
@@ -245,7 +256,7 @@ BVHD_API enum bvhd_status bvhd_cpu_scene_trace(const struct bvhd_cpu_scene *scen
 
 /*
  * Gives the corners v0, v1, v2 of the triangle of a hit, exactly as built, in the space of its bottom level. Returns
- * BVHD_INVALID if the hit is not one of this scene, or is an AABB or a miss.
+ * BVHD_INVALID if the hit is not one of this scene, or is no triangle.
  */
 BVHD_API enum bvhd_status bvhd_cpu_scene_corners(const struct bvhd_cpu_scene *scene, const struct bvhd_cpu_hit *hit,
                                                  float ret_corners[3][3], struct bvhd_error *ret_error);
@@ -254,8 +265,9 @@ BVHD_API enum bvhd_status bvhd_cpu_scene_corners(const struct bvhd_cpu_scene *sc
  * Gives the corners of a triangle without a hit: by its bottom level, the number of its geometry, and its number there.
  * A portable structure must have been built with ALLOW_DATA_ACCESS, for which its scene holds 4 bytes more for each
  * triangle; a native one does not tell its flags, and needs none. The positions and the places "geometry" and
- * "primitive" of errors are those of bvhd_structure_positions (bvhd_structure.h). Returns BVHD_INVALID at the place
- * "blob" for one that is no bottom level of this scene, or was built without the flag.
+ * "primitive" of errors are those of bvhd_structure_positions (bvhd_structure.h), which refuses primitives of other
+ * kinds. Returns BVHD_INVALID at the place "blob" for one that is no bottom level of this scene, or was built without
+ * the flag.
  */
 BVHD_API enum bvhd_status bvhd_cpu_scene_positions(const struct bvhd_cpu_scene *scene, uint32_t blob, uint32_t geometry,
                                                    uint32_t primitive, float ret_positions[3][3],

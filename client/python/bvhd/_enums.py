@@ -160,6 +160,8 @@ class HitFlags(enum.IntFlag):
     NONE = 0
     FRONT_FACE = 0x1
     AABB = 0x2
+    SPHERE = 0x4
+    SWEPT_SPHERE = 0x8
 
 
 class VertexFormat(enum.IntEnum):

@@ -9,6 +9,7 @@
 #include <string.h>
 
 #include <bvhd/bvhd_structure.h>
+#include <bvhd/vulkan_nv.h>
 
 #include "builder/update/batch.h"
 #include "client/library.h"
@@ -27,7 +28,10 @@ struct structure_build {
 
 /* A bottom level, a top level over it, and objects that hold them; `spare` is empty. */
 struct structure_bed {
-    float vertices[STRUCTURE_TRIANGLES][3][3];
+    float vertices[STRUCTURE_TRIANGLES][3][3]; /* or centres */
+    float radius; /* of each sphere, and of each end of a linear swept sphere */
+    VkAccelerationStructureGeometrySpheresDataNV spheres;
+    VkAccelerationStructureGeometryLinearSweptSpheresDataNV swept;
     VkAccelerationStructureInstanceKHR instances[STRUCTURE_INSTANCES];
     struct structure_build bottom, top;
     struct bvhd_structure *holds_bottom, *holds_top, *spare, *small; /* `small` was created with 64 bytes */
@@ -64,13 +68,36 @@ static inline struct bvhd_result structure_bed_result(const struct structure_bui
     return result;
 }
 
-static inline void structure_bed_describe(struct structure_bed *bed, struct structure_build *build, uint32_t flags)
+/* Makes both structs of shapes that are as many as the triangles, on the same vertices. */
+static inline void structure_bed_describe_round(struct structure_bed *bed)
 {
-    const bool is_top = build == &bed->top;
+    bed->radius = 0.125f;
+    bed->spheres = (VkAccelerationStructureGeometrySpheresDataNV){
+        .sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_GEOMETRY_SPHERES_DATA_NV,
+        .vertexFormat = VK_FORMAT_R32G32B32_SFLOAT,
+        .vertexData.hostAddress = bed->vertices,
+        .vertexStride = 12,
+        .radiusFormat = VK_FORMAT_R32_SFLOAT,
+        .radiusData.hostAddress = &bed->radius,
+        .indexType = VK_INDEX_TYPE_NONE_KHR};
+    memcpy(&bed->swept, &bed->spheres, sizeof bed->spheres);
+    bed->swept.sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_GEOMETRY_LINEAR_SWEPT_SPHERES_DATA_NV;
+    bed->swept.indexingMode = VK_RAY_TRACING_LSS_INDEXING_MODE_LIST_NV;
+    bed->swept.endCapsMode = VK_RAY_TRACING_LSS_PRIMITIVE_END_CAPS_MODE_CHAINED_NV;
+}
+
+static inline void structure_bed_describe(struct structure_bed *bed, struct structure_build *build,
+                                          VkGeometryTypeKHR type, uint32_t flags)
+{
+    const bool is_top = type == VK_GEOMETRY_TYPE_INSTANCES_KHR;
     build->geometry = (VkAccelerationStructureGeometryKHR){
-        .sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_GEOMETRY_KHR,
-        .geometryType = is_top ? VK_GEOMETRY_TYPE_INSTANCES_KHR : VK_GEOMETRY_TYPE_TRIANGLES_KHR};
-    if (is_top)
+        .sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_GEOMETRY_KHR, .geometryType = type};
+    structure_bed_describe_round(bed);
+    if (type == VK_GEOMETRY_TYPE_SPHERES_NV)
+        build->geometry.pNext = &bed->spheres;
+    else if (type == VK_GEOMETRY_TYPE_LINEAR_SWEPT_SPHERES_NV)
+        build->geometry.pNext = &bed->swept;
+    else if (is_top)
         build->geometry.geometry.instances = (VkAccelerationStructureGeometryInstancesDataKHR){
             .sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_GEOMETRY_INSTANCES_DATA_KHR,
             .data.hostAddress = bed->instances};
@@ -106,8 +133,9 @@ static inline struct bvhd_structure *structure_bed_create(VkAccelerationStructur
     return structure;
 }
 
-/* Builds both structures with these flags, for a target. */
-static inline void structure_bed_start(struct structure_bed *bed, uint32_t flags, enum target target)
+/* Builds both structures with these flags, for a target; the bottom level of this type of geometry. */
+static inline void structure_bed_start_with(struct structure_bed *bed, VkGeometryTypeKHR type, uint32_t flags,
+                                            enum target target)
 {
     const struct build_options options = {
         .quality = QUALITY_BALANCED, .target = target, .device.variant = target == TARGET_LAVAPIPE};
@@ -127,12 +155,17 @@ static inline void structure_bed_start(struct structure_bed *bed, uint32_t flags
     bed->room = memory_alloc(&library_memory, STRUCTURE_ROOM);
     struct structure_build *const builds[] = {&bed->bottom, &bed->top};
     for (int i = 0; i < 2; i++) {
-        structure_bed_describe(bed, builds[i], flags);
+        structure_bed_describe(bed, builds[i], i == 0 ? type : VK_GEOMETRY_TYPE_INSTANCES_KHR, flags);
         builds[i]->result = structure_bed_result(builds[i], &options);
         if (bvhd_structure_hold(i == 0 ? bed->holds_bottom : bed->holds_top, &builds[i]->info, &builds[i]->range,
                                 &builds[i]->result, &bed->error) != BVHD_OK)
             fail_msg("%s: %s", bed->error.where, bed->error.text);
     }
+}
+
+static inline void structure_bed_start(struct structure_bed *bed, uint32_t flags, enum target target)
+{
+    structure_bed_start_with(bed, VK_GEOMETRY_TYPE_TRIANGLES_KHR, flags, target);
 }
 
 /* Frees everything, and checks that nothing is left. */
