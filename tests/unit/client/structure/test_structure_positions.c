@@ -103,6 +103,26 @@ static void a_failure_changes_nothing(void **state)
     }
 }
 
+/* Spheres have no corners. */
+static void other_kinds_have_none(void **state)
+{
+    (void)state;
+    static const VkGeometryTypeKHR types[] = {VK_GEOMETRY_TYPE_SPHERES_NV, VK_GEOMETRY_TYPE_LINEAR_SWEPT_SPHERES_NV};
+    float positions[3][3];
+    for (int i = 0; i < 2; i++) {
+        structure_bed_start_with(&bed, types[i], BUILD_ALLOW_DATA_ACCESS, TARGET_PORTABLE);
+        travel(NULL);
+        for (int k = 0; k < 2; k++)
+            structure_bed_refused(
+                &bed, "no triangles",
+                bvhd_structure_positions(k ? bed.spare : bed.holds_bottom, 0, 0, positions, &bed.error), "",
+                "geometry");
+        structure_bed_refused(&bed, "no triangles",
+                              bvhd_structure_positions(bed.holds_top, 0, 0, positions, &bed.error), "", "geometry");
+        structure_bed_stop(&bed);
+    }
+}
+
 /* Positions are those after the geometry's transform; these numbers are exact. */
 static void positions_are_transformed(void **state)
 {
@@ -166,7 +186,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(structures_give_their_positions), cmocka_unit_test(flags_travel_with_portable_structures),
         cmocka_unit_test(a_failure_changes_nothing),       cmocka_unit_test(positions_are_transformed),
-        cmocka_unit_test(what_is_not_there_is_refused),
+        cmocka_unit_test(what_is_not_there_is_refused),    cmocka_unit_test(other_kinds_have_none),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

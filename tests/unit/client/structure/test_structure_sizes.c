@@ -128,6 +128,73 @@ static void every_build_has_its_size(void **state)
     structure_bed_stop(&bed);
 }
 
+/* Makes a right query about spheres or linear swept spheres, again without memory behind its addresses. */
+static void reset_round(VkGeometryTypeKHR type)
+{
+    static char *const nowhere = (char *)16;
+    reset(&bed.bottom);
+    structure_bed_describe_round(&bed);
+    bed.spheres.vertexData.hostAddress = bed.spheres.radiusData.hostAddress = nowhere;
+    bed.spheres.indexData.hostAddress = nowhere;
+    bed.swept.vertexData.hostAddress = bed.swept.radiusData.hostAddress = bed.swept.indexData.hostAddress = nowhere;
+    geometry = (VkAccelerationStructureGeometryKHR){
+        .sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_GEOMETRY_KHR,
+        .pNext = type == VK_GEOMETRY_TYPE_SPHERES_NV ? (const void *)&bed.spheres : &bed.swept,
+        .geometryType = type};
+}
+
+static void rules_of_spheres_are_named(void **state)
+{
+    (void)state;
+    structure_bed_start(&bed, 0, TARGET_PORTABLE);
+#define SPHERES(change, rule, where)                                                                                   \
+    STRUCTURE_RULE(&bed, reset_round(VK_GEOMETRY_TYPE_SPHERES_NV), change, ask(),                                      \
+                   "VUID-VkAccelerationStructureGeometrySpheresDataNV-" rule, "infos[0].geometries[0]." where)
+#define SWEPT(change, rule, where)                                                                                     \
+    STRUCTURE_RULE(&bed, reset_round(VK_GEOMETRY_TYPE_LINEAR_SWEPT_SPHERES_NV), change, ask(),                         \
+                   "VUID-VkAccelerationStructureGeometryLinearSweptSpheresDataNV-" rule,                               \
+                   "infos[0].geometries[0]." where)
+    SPHERES(geometry.pNext = &bed.swept, "sType-sType", "pNext");
+    SPHERES(bed.spheres.vertexFormat = VK_FORMAT_R8_UNORM, "vertexFormat-10434", "spheres.vertexFormat");
+    SPHERES(bed.spheres.radiusFormat = VK_FORMAT_R8_UNORM, "radiusFormat-10435", "spheres.radiusFormat");
+    SPHERES(bed.spheres.indexType = (VkIndexType)1000265000, "indexData-10437", "spheres.indexType");
+    SWEPT(geometry.pNext = NULL, "sType-sType", "pNext");
+    SWEPT(bed.swept.radiusFormat = VK_FORMAT_R8_UNORM, "radiusFormat-10424", "linearSweptSpheres.radiusFormat");
+    SWEPT(bed.swept.indexingMode = VK_RAY_TRACING_LSS_INDEXING_MODE_SUCCESSIVE_NV, "indexingMode-10427",
+          "linearSweptSpheres.indexingMode");
+    structure_bed_stop(&bed);
+}
+
+/* What is built fits, however its arrays are described; the native target has no spheres. */
+static void spheres_have_sizes(void **state)
+{
+    (void)state;
+    static const VkGeometryTypeKHR types[] = {VK_GEOMETRY_TYPE_SPHERES_NV, VK_GEOMETRY_TYPE_LINEAR_SWEPT_SPHERES_NV};
+    for (int i = 0; i < 2; i++) {
+        structure_bed_start_with(&bed, types[i], 0, TARGET_PORTABLE);
+        reset_round(types[i]);
+        count = STRUCTURE_TRIANGLES;
+        assert_int_equal(ask(), BVHD_OK);
+        const uint64_t size = sizes.accelerationStructureSize;
+        bed.spheres.indexType = bed.swept.indexType = VK_INDEX_TYPE_UINT16;
+        bed.spheres.indexStride = bed.swept.indexStride = 7;
+        bed.spheres.vertexStride = bed.swept.vertexStride = 7;
+        bed.spheres.radiusStride = bed.swept.radiusStride = 7;
+        bed.swept.indexingMode = VK_RAY_TRACING_LSS_INDEXING_MODE_SUCCESSIVE_NV;
+        assert_int_equal(ask(), BVHD_OK);
+        assert_int_equal(sizes.accelerationStructureSize, size);
+        struct bvhd_structure *exact = structure_bed_create(VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR, size);
+        assert_int_equal(
+            bvhd_structure_hold(exact, &bed.bottom.info, &bed.bottom.range, &bed.bottom.result, &bed.error), BVHD_OK);
+        bvhd_structure_destroy(exact);
+        assert_in_range(size, bed.bottom.result.size - 64, 8 * bed.bottom.result.size);
+        query.target = BVHD_TARGET_LAVAPIPE;
+        assert_int_equal(ask(), BVHD_UNSUPPORTED);
+        assert_string_equal(bed.error.where, "infos[0].geometries[0].geometryType");
+        structure_bed_stop(&bed);
+    }
+}
+
 static void every_allocation_may_fail(void **state)
 {
     (void)state;
@@ -148,10 +215,9 @@ static void every_allocation_may_fail(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(every_rule_is_named),
-        cmocka_unit_test(only_shapes_count),
-        cmocka_unit_test(every_build_has_its_size),
-        cmocka_unit_test(every_allocation_may_fail),
+        cmocka_unit_test(every_rule_is_named),      cmocka_unit_test(only_shapes_count),
+        cmocka_unit_test(every_build_has_its_size), cmocka_unit_test(rules_of_spheres_are_named),
+        cmocka_unit_test(spheres_have_sizes),       cmocka_unit_test(every_allocation_may_fail),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
