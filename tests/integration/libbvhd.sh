@@ -177,6 +177,14 @@ export TMPDIR="$scratch"
 run_example 'without a daemon'
 expect_quietly 'the bytes, without a daemon' sh -c './bytes >alone.as && [ "$(wc -c <alone.as)" -ge 352 ]'
 
+# Hairs of linear swept spheres, whose structs an installed header declares where Vulkan's headers are older.
+for link in "$(pkg --libs)" "$static_flags"; do
+    expect_quietly "trace_hair.c $link" $compiler -std=c99 -pedantic -Wall -Wextra -Wconversion -Werror \
+        "$source/client/examples/trace_hair.c" -o trace_hair $(pkg --cflags) $link
+    ./trace_hair >hair 2>&1
+    expect_quietly "rays hit hairs: $(tail -n 1 hair)" grep -qx '286 of 1536 rays hit a hair' hair
+done
+
 # The loop of updates, of which docs/library.md has the functions that update.
 sed -n '/^## Updates$/,/^## /s/^    //p' "$source/docs/library.md" >quoted
 sed -n '/^\/\* Makes the structure of the vertices/,/^int main/{/^int main/!{/^$/!p}}' \
@@ -200,6 +208,7 @@ run_example 'with a daemon'
 expect_quietly 'the bytes, with a daemon' sh -c './bytes >served.as && cmp alone.as served.as'
 expect_quietly 'the daemon has built' sh -c "'$prefix/bin/bvhctl' stats | grep -Eq '^builds_done +1$'"
 expect_quietly 'the loop of updates is the same with a daemon' sh -c './update_loop >served && cmp loop served'
+expect_quietly 'hairs are the same with a daemon' sh -c './trace_hair >served && cmp hair served'
 expect_quietly 'the daemon has updated' sh -c "'$prefix/bin/bvhctl' stats | grep -Eq '^refits_done +[1-9]'"
 kill "$daemon"
 wait "$daemon"

@@ -14,7 +14,7 @@
  *         .geometryType = VK_GEOMETRY_TYPE_LINEAR_SWEPT_SPHERES_NV};
  *
  * These structs have no maxVertex: the library reads the indices once to find how many vertices and radii they name,
- * and reads the arrays up to there. docs/vulkan.md says what the fields mean.
+ * and reads the arrays up to there. docs/library.md says what the fields mean.
  */
 #ifndef BVHD_VULKAN_NV_H
 #define BVHD_VULKAN_NV_H
