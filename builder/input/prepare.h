@@ -4,12 +4,16 @@
  *
  * Every byte that the description's struct bytes point to is read at most once, so a caller who writes to that memory
  * during the build harms only its own result: the bytes that were read are the ones that are validated, hashed and
- * built. (The description itself, with its tables of geometries and references, must not change during the call.) The
- * rules are checked in this order: validate_input; indices against maxVertex (VUIDs 10774 and 10775) and against the
- * bytes given; instance references against the table (VUID 03779); validate_canonical.
+ * built. (The description itself, with its tables of geometries and references, must not change during the call. Pairs
+ * of ends that are gathered, see below, are the one exception: a vertex that several of them name is read once for
+ * each, and each gets what was read for it.) The rules are checked in this order: validate_input; indices against
+ * maxVertex (VUIDs 10774 and 10775) and against the bytes given; instance references against the table (VUID 03779);
+ * validate_canonical.
  *
- * The copy is normalised, beyond what canonical.h says: a vertex stride of 0 keeps one vertex, whatever the indices
- * are; a transform equal to the identity counts as none; a box with a NaN anywhere gets a NaN minimum x, which makes it
+ * The copy is normalised, beyond what canonical.h says: strides of 0, of vertices and of radii if there are any, keep
+ * one vertex (two equal ones of linear swept spheres), whatever the indices are; the pairs of a list of linear swept
+ * spheres are gathered, each with vertices of its own, if not all second ends are the vertex after the first one; a
+ * transform equal to the identity counts as none; a box with a NaN anywhere gets a NaN minimum x, which makes it
  * inactive; other matrices are applied in double and rounded once, and every NaN among the results is the same NaN.
  */
 #ifndef BVHD_PREPARE_H

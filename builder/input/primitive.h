@@ -3,16 +3,18 @@
  * primitive.h - turns a canonical copy into the refs that builders sort: a box and a number, 32 bytes, for each
  * primitive that can be hit.
  *
- * Inactive primitives get no ref: a triangle or an AABB with a NaN in any component, an instance without a reference or
- * with a NaN in its transform (Vulkan specification, Inactive Primitives and Instances. The specification names only
- * the x of a triangle's vertices, the minimum x of an AABB, and references that are 0.). Unless the build says
- * ALLOW_UPDATE, these get none either, because no ray can meet them: degenerate primitives (triangles of zero area,
- * instances of an empty structure), triangles with infinite corners, and instances with an infinite transform. AABBs
- * that are points stay. Infinite coordinates that are kept are clamped to the largest float.
+ * Inactive primitives get no ref: a triangle, an AABB, a sphere or a linear swept sphere with a NaN in any component,
+ * radii included, an instance without a reference or with a NaN in its transform (Vulkan specification, Inactive
+ * Primitives and Instances. The specification names only the x of a triangle's vertices, the minimum x of an AABB, and
+ * references that are 0.). Unless the build says ALLOW_UPDATE, these get none either, because no ray can meet them:
+ * degenerate primitives (triangles of zero area, spheres without a radius, linear swept spheres without one or of which
+ * an end without a cap swallows the rest, instances of an empty structure), triangles with infinite corners, spheres
+ * and linear swept spheres with infinite centres or radii, and instances with an infinite transform. AABBs that are
+ * points stay. Infinite coordinates that are kept are clamped to the largest float.
  *
- * Boxes of triangles and AABBs are exact. The box of an instance is the box of its reference's bounds under the
- * transform, cut to the transformed slabs (outline.h), computed in double and rounded outward; for an empty structure
- * it is the point that the transform's translation gives.
+ * Boxes of triangles and AABBs are exact, those of spheres and linear swept spheres are in swept_shape.h. The box of an
+ * instance is the box of its reference's bounds under the transform, cut to the transformed slabs (outline.h), computed
+ * in double and rounded outward; for an empty structure it is the point that the transform's translation gives.
  */
 #ifndef BVHD_PRIMITIVE_H
 #define BVHD_PRIMITIVE_H
