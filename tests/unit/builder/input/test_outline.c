@@ -93,6 +93,54 @@ static void slabs_hold_all_vertices(void **state)
     }
 }
 
+/* Spheres reach as far from their centres along a direction as its length says; a NaN adds nothing. */
+static void slabs_hold_all_spheres(void **state)
+{
+    (void)state;
+    struct random random = {11};
+    static uint32_t starts[30];
+    for (int round = 0; round < 3000; round++) {
+        float positions[3 * 30], spheres[4 * 30];
+        const uint32_t count = 2 + (uint32_t)(random_next(&random) % 28);
+        const int exponent = (int)(random_next(&random) % 120) - 60;
+        random_points(&random, positions, count);
+        for (uint32_t i = 0; i < count; i++) {
+            memcpy(spheres + (size_t)4 * i, positions + (size_t)3 * i, 12);
+            spheres[4 * i + 3] = random_next(&random) % 4 ? ldexpf((float)random_between(&random, 0, 1), exponent) : 0;
+            starts[i] = i;
+        }
+        if (count > 4)
+            spheres[4 * 3 + random_next(&random) % 4] = NAN;
+        struct canonical_geometry geometry = {
+            .type = GEOMETRY_SPHERES, .primitive_count = count, .vertex_count = count, .positions = spheres};
+        if (round % 2) {
+            geometry.type = GEOMETRY_SWEPT_SPHERES;
+            geometry.primitive_count = count - 1;
+            geometry.indices = starts;
+        }
+        struct canonical canonical = bottom_of(&geometry, 1);
+        struct slabs slabs;
+        assert_true(outline_find(&canonical, &context, &slabs));
+        assert_true(slabs_are_known(&slabs) && slabs_are_valid(&slabs));
+        for (int k = 0; k < SLABS_COUNT; k++) {
+            long double low = INFINITY, high = -INFINITY, size = 0;
+            const long double length = sqrtl(k < 6 ? 2 : 3);
+            for (uint32_t i = 0; i < count; i++) {
+                const float *sphere = spheres + (size_t)4 * i;
+                if (count > 4 && i == 3)
+                    continue;
+                const long double at = along(directions[k], sphere);
+                low = fminl(low, at - sphere[3] * length);
+                high = fmaxl(high, at + sphere[3] * length);
+                for (int axis = 0; axis < 4; axis++)
+                    size = fmaxl(size, fabsl((long double)sphere[axis]));
+            }
+            assert_true(slabs.min[k] <= low && slabs.max[k] >= high);
+            assert_true(low - slabs.min[k] <= size * 0x1p-16L && slabs.max[k] - high <= size * 0x1p-16L);
+        }
+    }
+}
+
 /* Slabs stay unknown when there is nothing, or when values overflow. */
 static void what_does_not_fit_is_not_known(void **state)
 {
@@ -399,15 +447,11 @@ static void builds_find_and_use_slabs(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(slabs_hold_all_vertices),
-        cmocka_unit_test(what_does_not_fit_is_not_known),
-        cmocka_unit_test(slabs_of_boxes_are_those_of_their_corners),
-        cmocka_unit_test(threads_do_not_matter),
-        cmocka_unit_test(boxes_of_instances_hold_all_vertices),
-        cmocka_unit_test(boxes_hold_at_any_magnitude),
-        cmocka_unit_test(boxes_of_turned_instances_are_small),
-        cmocka_unit_test(contradictions_leave_a_box),
-        cmocka_unit_test(builds_find_and_use_slabs),
+        cmocka_unit_test(slabs_hold_all_vertices),        cmocka_unit_test(slabs_hold_all_spheres),
+        cmocka_unit_test(what_does_not_fit_is_not_known), cmocka_unit_test(slabs_of_boxes_are_those_of_their_corners),
+        cmocka_unit_test(threads_do_not_matter),          cmocka_unit_test(boxes_of_instances_hold_all_vertices),
+        cmocka_unit_test(boxes_hold_at_any_magnitude),    cmocka_unit_test(boxes_of_turned_instances_are_small),
+        cmocka_unit_test(contradictions_leave_a_box),     cmocka_unit_test(builds_find_and_use_slabs),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -7,6 +7,7 @@
 #include <unistd.h>
 
 #include "builder/input/vertex_format.h"
+#include "proto/base/vertex_element.h"
 
 enum kind { UNORM, SNORM, SFLOAT, PACKED };
 
@@ -223,12 +224,42 @@ static void nothing_outside_is_read(void **state)
     munmap(memory, 3 * page);
 }
 
+/* Radii are decoded as the components of vertices of their format are. */
+static void radii_are_decoded(void **state)
+{
+    (void)state;
+    static const uint32_t expected_sizes[][2] = {{RADIUS_FLOAT16, 2}, {RADIUS_FLOAT32, 4}};
+    for (int i = 0; i < 2; i++) {
+        assert_int_equal(radius_format_find(expected_sizes[i][0])->format, expected_sizes[i][0]);
+        assert_int_equal(radius_format_find(expected_sizes[i][0])->size, expected_sizes[i][1]);
+        assert_int_equal(radius_element_find(expected_sizes[i][0])->size, expected_sizes[i][1]);
+    }
+    assert_null(radius_format_find(106));
+    for (uint32_t half = 0; half < 1 << 16; half += 3) {
+        const uint16_t halves[6] = {(uint16_t)half, 0, (uint16_t)(half + 1), 0, (uint16_t)(half + 2), 0};
+        float radii[3], position[3];
+        radius_format_find(RADIUS_FLOAT16)->decode((const unsigned char *)halves, 4, 3, radii);
+        for (int k = 0; k < 3; k++) {
+            vertex_format_find(83)->decode((const unsigned char *)&halves[2 * k], 0, 1, position);
+            assert_int_equal(bits_of(radii[k]), bits_of(position[0]));
+        }
+    }
+    const uint32_t floats[4] = {0x3f800000, 0x7fc12345, 0xff812345, 0x80000001};
+    for (uint64_t stride = 0; stride < 3; stride++) {
+        float radii[4];
+        radius_format_find(RADIUS_FLOAT32)
+            ->decode((const unsigned char *)floats, 4 * stride, stride < 2 ? 4 : 2, radii);
+        for (uint64_t k = 0; k < (stride < 2 ? 4 : 2); k++)
+            assert_int_equal(bits_of(radii[k]), floats[stride * k]);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(list_is_complete),        cmocka_unit_test(small_components_decode),
         cmocka_unit_test(floats_are_copied),       cmocka_unit_test(doubles_are_rounded),
-        cmocka_unit_test(nothing_outside_is_read),
+        cmocka_unit_test(nothing_outside_is_read), cmocka_unit_test(radii_are_decoded),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
