@@ -6,6 +6,7 @@
 
 #include "client/bvhctl/base/files.h"
 #include "client/bvhctl/gpu/probe_source.h"
+#include "client/bvhctl/scene/import_round.h"
 #include "client/bvhctl/scene/manifest.h"
 #include "client/bvhctl/scene/target_reader.h"
 #include "proto/base/clock.h"
@@ -154,12 +155,20 @@ static void print_tree(const struct bvhd_result *item)
         printf("SAH %6.2f  depth %2u", item->sah, item->depth);
 }
 
+/* What the primitives of a bottom level are called. */
+static const char *unit_of(const struct import *import, uint32_t index, uint64_t count)
+{
+    const struct import_bottom *bottom = &import->bottoms[index];
+    const struct import_shape_kind *kind = &import_shape_kinds[import->meshes[bottom->meshes[0]].shape];
+    return count == 1 ? kind->one : kind->many;
+}
+
 static void print_structure(const struct assembly *assembly, uint32_t index, const char *file)
 {
     const struct bvhd_result *item = &assembly->items[index];
     bool is_top = index == assembly->import->bottom_count;
     uint64_t count = is_top ? item->instances : item->primitives;
-    const char *unit = is_top ? (count == 1 ? "instance" : "instances") : count == 1 ? "triangle" : "triangles";
+    const char *unit = is_top ? (count == 1 ? "instance" : "instances") : unit_of(assembly->import, index, count);
     printf("%-40s %9llu %-9s %8.2f MB  %5.1f B each  ", file, (unsigned long long)count, unit, (double)item->size / 1e6,
            count ? (double)item->size / (double)count : 0.0);
     print_tree(item);

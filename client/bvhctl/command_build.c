@@ -25,9 +25,12 @@ static void write_scene(struct build_command *command, const struct import *impo
     json_text(json, "source", path);
     json_integer(json, "meshes", import->mesh_count);
     json_integer(json, "triangles", import->triangle_count);
+    json_integer(json, "points", import->point_count);
+    json_integer(json, "lines", import->line_count);
     json_integer(json, "instances", import->instance_count);
     json_integer(json, "skipped_instances", import->skipped_instances);
     manifest_write_left_out(json, &import->counts);
+    manifest_write_left_out_options(json, &import->counts);
     json_object_end(json);
 }
 
@@ -57,7 +60,10 @@ static void build_scene(struct build_command *command, const char *path)
     struct bvhd_error error = {0};
     progress_begin(&run->progress, "importing", path);
     const struct import_moment moment = {run->options->moment, run->options->animation};
-    const struct import_wish wish = {run->options->scene, run->options->has_moment ? &moment : NULL, false};
+    const struct import_wish wish = {.scene = run->options->scene,
+                                     .moment = run->options->has_moment ? &moment : NULL,
+                                     .point_radius = run->options->point_radius,
+                                     .line_radius = run->options->line_radius};
     enum bvhd_status status = import_scene_as(path, &wish, &run->memory, &import, &error);
     progress_end(&run->progress);
     memory_explain(&run->memory, &error);
@@ -65,8 +71,9 @@ static void build_scene(struct build_command *command, const char *path)
         building_fail(run, "build", &error);
         return;
     }
-    report_detail(import.name, "%u meshes, %llu triangles, %u instances in %u bottom levels", import.mesh_count,
-                  (unsigned long long)import.triangle_count, import.instance_count, import.bottom_count);
+    report_detail(import.name, "%u meshes, %llu triangles, %llu points, %llu lines, %u instances in %u bottom levels",
+                  import.mesh_count, (unsigned long long)import.triangle_count, (unsigned long long)import.point_count,
+                  (unsigned long long)import.line_count, import.instance_count, import.bottom_count);
     notes_left_out(&import);
     write_scene(command, &import, path);
     for (uint32_t i = 0; i < import.file_count; i++)

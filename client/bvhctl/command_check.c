@@ -96,7 +96,7 @@ static void announce(const struct check_command *run, const struct oracle_work *
     char bound[64] = "";
     if (!isinf(limit))
         snprintf(bound, sizeof bound, ", for at most %.0f s (--time)", ceil(limit));
-    report_note(run->import.name, "%u rays need %.1e tests of a ray and a triangle: about %.0f s%s", run->ray_count,
+    report_note(run->import.name, "%u rays need %.1e tests of a ray and a primitive: about %.0f s%s", run->ray_count,
                 (double)oracle_work_tests(work, run->ray_count), ceil(seconds), bound);
 }
 

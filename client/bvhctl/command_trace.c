@@ -173,7 +173,7 @@ static void make_checked_rays(const struct trace_command *run, uint32_t count, s
 static enum bvhd_status doubt_cpu(struct trace_command *run, struct bvhd_error *error)
 {
     struct memory *memory = &run->local.memory;
-    double affordable = checked_pairs / (double)(run->stage.triangle_count + 1);
+    double affordable = checked_pairs / (double)(run->stage.primitive_count + 1);
     uint32_t count = affordable < 16 ? 16 : affordable > CHECKED_RAYS ? CHECKED_RAYS : (uint32_t)affordable;
     struct ray *rays = memory_array(memory, CHECKED_RAYS, sizeof *rays);
     struct tracer_hit *hits = memory_array(memory, CHECKED_RAYS, sizeof *hits);

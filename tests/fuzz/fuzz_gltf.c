@@ -3,7 +3,8 @@
  * A GLB or glTF text from anywhere: it is either an error with a place, or an import whose numbers are in range.
  *
  * Input: the file. What meshes look like is read of files with an odd number of bytes. Files whose number of bytes has
- * a two in it are read at a moment of their animation, which is in the last byte.
+ * a two in it are read at a moment of their animation, which is in the last byte. Points and lines are read of files
+ * whose number of bytes has a four, or an eight, in it.
  */
 #include "tests/fuzz/fuzz.h"
 
@@ -12,19 +13,25 @@
 #include <unistd.h>
 
 #include "client/bvhctl/scene/gltf.h"
+#include "client/bvhctl/scene/import_round.h"
 #include "tests/support/scene/scene_case.h"
 
 static void check_meshes(const struct import *import)
 {
-    uint64_t triangles = 0;
+    uint64_t primitives = 0;
     for (uint32_t i = 0; i < import->mesh_count; i++) {
         const struct import_mesh *mesh = &import->meshes[i];
         FUZZ_CHECK(mesh->name && mesh->material && mesh->positions && mesh->indices);
-        for (uint64_t k = 0; k < UINT64_C(3) * mesh->triangle_count; k++)
+        FUZZ_CHECK(mesh->shape < IMPORT_SHAPES && (mesh->shape == IMPORT_TRIANGLES || mesh->radii));
+        for (uint64_t k = 0; k < import_corner_count(mesh); k++)
             FUZZ_CHECK(mesh->indices[k] < mesh->vertex_count);
-        triangles += mesh->triangle_count;
+        for (uint64_t k = 0; k < mesh->vertex_count && mesh->radii; k++)
+            FUZZ_CHECK(mesh->radii[k] >= 0 && isfinite(mesh->radii[k]));
+        for (uint64_t k = 0; k < mesh->primitive_count && mesh->shape == IMPORT_LINES; k++)
+            FUZZ_CHECK(mesh->indices[2 * k + 1] == mesh->indices[2 * k] + 1 && mesh->caps[k] >= IMPORT_CAP_SECOND);
+        primitives += mesh->primitive_count;
     }
-    FUZZ_CHECK(triangles && triangles == import->triangle_count);
+    FUZZ_CHECK(primitives && primitives == import->triangle_count + import->point_count + import->line_count);
 }
 
 /* Reads all of an array, which shows the sanitizers whether it is there. */
@@ -84,7 +91,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     import_files_init(&files, &memory);
     struct import import = {.memory = &memory, .wants_looks = size % 2};
     const struct import_moment moment = {.time = size ? data[size - 1] / 64.0 : 0};
-    const struct import_wish wish = {.moment = size & 2 ? &moment : NULL};
+    const struct import_wish wish = {
+        .moment = size & 2 ? &moment : NULL, .point_radius = size & 4 ? 0.5f : 0, .line_radius = size & 8 ? 0.25f : 0};
     enum bvhd_status status = gltf_read(path, &wish, &files, &import, &foreign, &error);
     if (status) {
         FUZZ_CHECK(error.status == status && error.where[0] && error.text[0]);

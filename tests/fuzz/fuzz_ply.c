@@ -3,24 +3,34 @@
  * fuzz_ply.c - fuzzes the reader of PLY files: the result is either an error with a place and a text, or an import
  * whose indices are in range. Memory is bounded by the size of the file.
  *
- * The input is the file.
+ * The input is the file. Points and lines are read of files with an odd number of bytes.
  */
 #include "tests/fuzz/fuzz.h"
 
+#include <float.h>
+
+#include "client/bvhctl/scene/import_round.h"
 #include "client/bvhctl/scene/ply.h"
 #include "tests/support/scene/scene_case.h"
 
-static void check_import(const struct import *import)
+static void check_mesh(const struct import_mesh *mesh)
 {
-    const struct import_mesh *mesh = &import->meshes[0];
-    FUZZ_CHECK(import->mesh_count == 1 && import->bottom_count == 1 && import->instance_count == 1);
-    FUZZ_CHECK(mesh->triangle_count > 0 && mesh->triangle_count == import->triangle_count);
-    for (uint64_t i = 0; i < 3 * (uint64_t)mesh->triangle_count; i++)
+    for (uint64_t i = 0; i < import_corner_count(mesh); i++)
         FUZZ_CHECK(mesh->indices[i] < mesh->vertex_count);
     volatile float position; /* reading all positions shows the sanitizers whether they are there */
     for (uint64_t i = 0; i < 3 * (uint64_t)mesh->vertex_count; i++)
         position = mesh->positions[i];
+    for (uint64_t i = 0; i < mesh->vertex_count && mesh->radii; i++)
+        FUZZ_CHECK(mesh->radii[i] >= 0 && mesh->radii[i] <= FLT_MAX);
     (void)position;
+}
+
+static void check_import(const struct import *import)
+{
+    FUZZ_CHECK(import->mesh_count <= IMPORT_SHAPES && import->bottom_count <= import->mesh_count);
+    FUZZ_CHECK(import->bottom_count > 0 && import->instance_count == import->bottom_count);
+    for (uint32_t i = 0; i < import->mesh_count; i++)
+        check_mesh(&import->meshes[i]);
 }
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
@@ -33,7 +43,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     FILE *file = fmemopen((void *)(uintptr_t)data, size, "rb");
     FUZZ_CHECK(file);
     memory_init(&memory, UINT64_MAX);
-    enum bvhd_status status = ply_import_stream(file, size, "x.ply", &memory, &import, &error);
+    const struct import_wish wish = {.point_radius = size & 1 ? 0.5f : 0, .line_radius = size & 1 ? 0.25f : 0};
+    enum bvhd_status status = ply_import_stream(file, size, "x.ply", &wish, &memory, &import, &error);
     fclose(file);
     if (status == BVHD_OK) {
         check_import(&import);

@@ -354,7 +354,7 @@ expect 'a Vulkan rule is named' \
 run 0 check cut large.ply --rays 100000 --time 0.01 --json
 one_json_object
 says 'large: 100000 rays need '
-says ' tests of a ray and a triangle: about '
+says ' tests of a ray and a primitive: about '
 says ' s, for at most 1 s (--time)'
 says 'warning: brute force had time for '
 judged=$(sed 's/.*"judged":\([0-9]*\),.*/\1/' out)

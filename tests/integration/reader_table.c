@@ -55,7 +55,7 @@ static void extend(const struct import *import, const struct import_instance *in
     const struct import_bottom *bottom = &import->bottoms[instance->bottom];
     for (uint32_t m = 0; m < bottom->mesh_count; m++) {
         const struct import_mesh *mesh = &import->meshes[bottom->meshes[m]];
-        uint64_t count = all_vertices ? mesh->vertex_count : UINT64_C(3) * mesh->triangle_count;
+        uint64_t count = all_vertices ? mesh->vertex_count : UINT64_C(3) * mesh->primitive_count;
         for (uint64_t i = 0; i < count; i++) {
             const float *at = mesh->positions + 3 * (all_vertices ? i : mesh->indices[i]), *row = instance->transform;
             for (int axis = 0; axis < 3; axis++, row += 4) {

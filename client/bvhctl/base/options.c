@@ -93,6 +93,16 @@ static enum bvhd_status parse_rays(const struct options *options, const char *te
     return BVHD_OK;
 }
 
+static enum bvhd_status parse_radius(const char *option, const char *text, float *ret_radius, struct bvhd_error *error)
+{
+    char *end;
+    float radius = strtof(text, &end);
+    if (end == text || *end || !isfinite(radius) || !(radius > 0))
+        return usage(error, option, "not a positive number: '%s'", text);
+    *ret_radius = radius;
+    return BVHD_OK;
+}
+
 enum { MOST_SECONDS = 86400 };
 
 static enum bvhd_status parse_seconds(const char *option, const char *text, double *ret_seconds,
@@ -324,6 +334,10 @@ static enum bvhd_status apply(int value, const char *text, struct options *optio
         return parse_moment(text, options, error);
     case OPTION_FRAMES:
         return parse_frames(text, options, error);
+    case OPTION_POINTS:
+        return parse_radius("--points", text, &options->point_radius, error);
+    case OPTION_LINES:
+        return parse_radius("--lines", text, &options->line_radius, error);
     case OPTION_DECAY:
         return parse_decay(text, &options->most_decay, error);
     case OPTION_COUNT:

@@ -85,6 +85,7 @@ struct options {
     double frames[3]; /* the first, the last, and the seconds from one to the next */
     double most_decay; /* update; 0: not given */
     const char *animation; /* its name or number; NULL: not given */
+    float point_radius, line_radius; /* build: of --points and --lines; 0: not given */
     const char *scene; /* name or number of a scene in its file, or name of one in the directory; NULL: not given */
 
     const char *device; /* "cpu", "auto", a number or a part of a name; NULL: not given */

@@ -46,6 +46,11 @@ const struct option_row option_rows[] = {
      "one scene of a glTF file, by its name or its number from 0: build builds only it, check and trace take what was "
      "built from it; in a directory of several files they also take a file's name without ending (default: all scenes; "
      "trace: the first file)"},
+    {"points", OPTION_POINTS, "RADIUS", ON_BUILD,
+     "read points as spheres; RADIUS is that of points for which the file has none (default: points are left out)"},
+    {"lines", OPTION_LINES, "RADIUS", ON_BUILD,
+     "read lines as linear swept spheres; RADIUS is that of ends for which the file has none (default: lines are left "
+     "out)"},
     {"frames", OPTION_FRAMES, "A:B:STEP", ON_UPDATE,
      "update to each moment from A to B, in steps of so many seconds; without -o the last one stays"},
     {"decay", OPTION_DECAY, "FACTOR", ON_UPDATE,

@@ -66,6 +66,8 @@ enum {
     OPTION_SCENE,
     OPTION_AT,
     OPTION_ANIMATION,
+    OPTION_POINTS,
+    OPTION_LINES,
     OPTION_FRAMES,
     OPTION_DECAY,
     OPTION_DEVICE,
@@ -86,7 +88,7 @@ struct option_row {
     const char *help; /* without line breaks */
 };
 
-enum { OPTION_ROWS_MOST = 64 };
+enum { OPTION_ROWS_MOST = 72 };
 
 /* An option whose meaning depends on the command has several rows. Ends with a row whose name is NULL. */
 extern const struct option_row option_rows[];

@@ -92,7 +92,7 @@ static bool is_near(const struct agreement *agreement, const struct ray *ray, co
     struct surface surface;
     if (apart <= roundings * FLT_EPSILON * fabs((double)own->t))
         return true;
-    if (!isfinite(apart) || !surfaces_find(agreement->surfaces, own, &surface))
+    if (!isfinite(apart) || !surfaces_find(agreement->surfaces, ray, own, &surface))
         return false;
     plane_distance(ray, &surface, &t, &tolerance);
     return apart <= tolerance;
@@ -267,7 +267,7 @@ static enum oracle_verdict judge_hit(const struct agreement *agreement, const st
         return oracle_judge(answer, NULL, NULL);
     struct surface surface;
     double t, tolerance;
-    if (surfaces_find(agreement->surfaces, hit, &surface)) {
+    if (surfaces_find(agreement->surfaces, ray, hit, &surface)) {
         plane_distance(ray, &surface, &t, &tolerance);
         judged.t = fabs((double)hit->t - t) <= tolerance ? (float)t : hit->t;
     }
@@ -317,7 +317,7 @@ static bool is_explained(const struct agreement *agreement, const struct oracle_
         return true;
     if (is_any_hit(one) || is_miss(&one->device))
         return is_miss(&one->device) == (answer->outcome == ORACLE_MISS);
-    if (answer->outcome == ORACLE_MISS || !surfaces_find(agreement->surfaces, &one->device, &surface))
+    if (answer->outcome == ORACLE_MISS || !surfaces_find(agreement->surfaces, &one->ray, &one->device, &surface))
         return false;
     plane_distance(&one->ray, &surface, &t, &tolerance);
     struct ray_hit judged = {

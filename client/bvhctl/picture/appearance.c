@@ -3,6 +3,8 @@
 
 #include <string.h>
 
+#include "client/bvhctl/scene/import_round.h"
+
 /* ---- whether the file is the one ---- */
 
 static enum bvhd_status is_other(const struct appearance *appearance, struct bvhd_error *error)
@@ -13,8 +15,9 @@ static enum bvhd_status is_other(const struct appearance *appearance, struct bvh
 
 static bool same_corners(const struct import_mesh *mesh, uint32_t primitive, const float corners[3][3])
 {
-    for (int i = 0; i < 3; i++) {
-        const float *position = mesh->positions + 3 * (size_t)mesh->indices[3 * (size_t)primitive + (size_t)i];
+    uint32_t count = import_shape_kinds[mesh->shape].corners;
+    for (uint32_t i = 0; i < count; i++) {
+        const float *position = mesh->positions + 3 * (size_t)mesh->indices[(size_t)count * primitive + i];
         for (int k = 0; k < 3; k++)
             if (position[k] != corners[i][k])
                 return false;
@@ -22,16 +25,29 @@ static bool same_corners(const struct import_mesh *mesh, uint32_t primitive, con
     return true;
 }
 
-/* Compares some triangles of a structure with those of the file. */
-static bool same_triangles(const struct import *import, const struct import_bottom *bottom,
-                           const struct structure *structure)
+/* Returns the flat number of a primitive, and the positions of its corners: one of a sphere, two of a swept one. */
+static uint32_t take_corners(const struct structure *structure, uint32_t row, float ret_corners[3][3])
+{
+    uint32_t flat;
+    if (structure_round_count(structure)) {
+        struct structure_round round = structure_round(structure, row);
+        for (int end = 0; end < 2; end++)
+            memcpy(ret_corners[end], round.ends[end], sizeof ret_corners[end]);
+        return round.primitive;
+    }
+    structure_triangle(structure, row, ret_corners, &flat);
+    return flat;
+}
+
+/* Compares some primitives of a structure with those of the file. */
+static bool same_primitives(const struct import *import, const struct import_bottom *bottom,
+                            const struct structure *structure)
 {
     enum { COMPARED = 16 };
-    uint32_t rows = structure_triangle_count(structure), step = rows / COMPARED + 1;
+    uint32_t rows = structure_triangle_count(structure) + structure_round_count(structure), step = rows / COMPARED + 1;
     for (uint32_t row = 0; row < rows; row += step) {
         float corners[3][3];
-        uint32_t flat;
-        structure_triangle(structure, row, corners, &flat);
+        uint32_t flat = take_corners(structure, row, corners);
         for (uint32_t i = 0; i < structure->geometry_count; i++) {
             const struct structure_geometry *geometry = &structure->geometries[i];
             if (flat - geometry->first_primitive >= geometry->primitive_count)
@@ -52,10 +68,10 @@ static bool same_bottom(const struct import *import, uint32_t index, const struc
     for (uint32_t i = 0; i < structure->geometry_count; i++) {
         const struct structure_geometry *geometry = &structure->geometries[i];
         if (geometry->geometry >= bottom->mesh_count ||
-            geometry->primitive_count > import->meshes[bottom->meshes[geometry->geometry]].triangle_count)
+            geometry->primitive_count > import->meshes[bottom->meshes[geometry->geometry]].primitive_count)
             return false;
     }
-    return same_triangles(import, bottom, structure);
+    return same_primitives(import, bottom, structure);
 }
 
 static bool same_instances(const struct import *import, const struct structures *structures)
@@ -106,7 +122,8 @@ enum bvhd_status appearance_open(struct appearance *appearance, const struct str
                                  const struct import_wish *wish, struct memory *memory, struct bvhd_error *error)
 {
     const struct structure *top = structures_top(structures);
-    const struct import_wish with_looks = {wish->scene, wish->moment, true};
+    struct import_wish with_looks = *wish;
+    with_looks.wants_looks = true;
     *appearance = (struct appearance){.memory = memory, .has_top = top != NULL};
     enum bvhd_status status = import_scene_as(path, &with_looks, memory, &appearance->import, error);
     if (status != BVHD_OK) {
@@ -141,9 +158,9 @@ void appearance_close(struct appearance *appearance)
 /* A hit in its mesh. */
 struct spot {
     const struct import_look *look;
-    const uint32_t *corners; /* the vertices of the triangle */
+    uint32_t corners[3]; /* the vertices of the primitive, of which a round one repeats some */
     const float *transform; /* of the instance; NULL: none */
-    double weights[3]; /* of the corners */
+    double weights[3]; /* of the corners; those that repeat another have 0 */
 };
 
 static bool find_spot(const struct appearance *appearance, const struct stage_hit *hit, struct spot *ret_spot)
@@ -156,12 +173,14 @@ static bool find_spot(const struct appearance *appearance, const struct stage_hi
     if (hit->geometry >= bottom->mesh_count)
         return false;
     const struct import_mesh *mesh = &import->meshes[bottom->meshes[hit->geometry]];
-    if (hit->primitive >= mesh->triangle_count)
+    if (hit->primitive >= mesh->primitive_count)
         return false;
     *ret_spot = (struct spot){.look = &mesh->look,
-                              .corners = mesh->indices + 3 * (size_t)hit->primitive,
                               .transform = instance ? instance->transform : NULL,
                               .weights = {1 - hit->u - hit->v, hit->u, hit->v}};
+    uint32_t corners = import_shape_kinds[mesh->shape].corners;
+    for (uint32_t i = 0; i < 3; i++)
+        ret_spot->corners[i] = mesh->indices[(size_t)hit->primitive * corners + i % corners];
     return true;
 }
 

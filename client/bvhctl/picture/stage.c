@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "client/bvhctl/oracle/rays.h"
+#include "client/bvhctl/picture/round.h"
 #include "client/bvhctl/picture/stage_bulk.h"
 #include "client/bvhctl/picture/stage_samples.h"
 
@@ -31,10 +32,17 @@ static const struct structure_instance *stage_instance(const struct stage *stage
     return bsearch(&wanted, stage->instances, stage->instance_count, sizeof wanted, compare_instances);
 }
 
-static struct vector world_normal(const struct stage *stage, const struct ray_hit *hit)
+static struct vector world_normal(const struct stage *stage, const struct ray_hit *hit, struct vector position)
 {
     float corners[3][3];
     struct vector p[3];
+    const struct structure *bottom = &stage->structures->files[hit->handle].structure;
+    if (structure_round_count(bottom)) {
+        struct structure_round round = structure_round(bottom, hit->record);
+        bool has_top = stage->structures->has_top;
+        const float *matrix = has_top ? stage_instance(stage, hit->instance)->object_to_world : NULL;
+        return round_normal(&round, matrix, position, (double)hit->u);
+    }
     structures_corners(stage->structures, hit, corners);
     for (int i = 0; i < 3; i++) {
         p[i] = vector_from_floats(corners[i]);
@@ -50,18 +58,19 @@ bool stage_look(const struct stage *stage, struct vector origin, struct vector d
     struct ray_hit hit;
     if (!structures_trace(stage->structures, &ray, &hit))
         return false;
-    struct vector normal = hit.is_aabb ? vector_scale(direction, -1) : world_normal(stage, &hit);
+    struct vector position =
+        vector_mad(vector_from_floats(ray.origin), vector_from_floats(ray.direction), (double)hit.t);
+    struct vector normal = hit.is_aabb ? vector_scale(direction, -1) : world_normal(stage, &hit, position);
     bool is_back = vector_dot(normal, direction) > 0;
     if (is_back)
         normal = vector_scale(normal, -1);
-    *ret_hit = (struct stage_hit){
-        .position = vector_mad(vector_from_floats(ray.origin), vector_from_floats(ray.direction), (double)hit.t),
-        .normal = normal,
-        .distance = (double)hit.t,
-        .is_back = is_back,
-        .instance = stage->structures->has_top ? hit.instance : 0,
-        .handle = hit.handle,
-        .geometry = hit.geometry};
+    *ret_hit = (struct stage_hit){.position = position,
+                                  .normal = normal,
+                                  .distance = (double)hit.t,
+                                  .is_back = is_back,
+                                  .instance = stage->structures->has_top ? hit.instance : 0,
+                                  .handle = hit.handle,
+                                  .geometry = hit.geometry};
     return true;
 }
 
@@ -115,12 +124,17 @@ struct vector stage_to_world(const struct stage *stage, struct vector local)
     return vector_mad(vector_mad(vector_scale(stage->east, local.x), stage->north, local.y), stage->up, local.z);
 }
 
+static uint64_t count_primitives(const struct structure *bottom)
+{
+    return (uint64_t)structure_triangle_count(bottom) + structure_round_count(bottom);
+}
+
 static enum bvhd_status find_instances(struct stage *stage, struct bvhd_error *error)
 {
     const struct structure_file *files = stage->structures->files;
     const struct structure *top = structures_top(stage->structures);
     if (!top) {
-        stage->triangle_count = structure_triangle_count(&files[0].structure);
+        stage->primitive_count = count_primitives(&files[0].structure);
         return BVHD_OK;
     }
     stage->instance_count = structure_instance_count(top);
@@ -129,7 +143,7 @@ static enum bvhd_status find_instances(struct stage *stage, struct bvhd_error *e
         return bvhd_error_no_memory(error, "trace", "no memory for the instances");
     for (uint32_t i = 0; i < stage->instance_count; i++) {
         stage->instances[i] = structure_instance(top, i);
-        stage->triangle_count += structure_triangle_count(&files[stage->instances[i].bottom].structure);
+        stage->primitive_count += count_primitives(&files[stage->instances[i].bottom].structure);
     }
     qsort(stage->instances, stage->instance_count, sizeof *stage->instances, compare_instances);
     return BVHD_OK;
@@ -142,7 +156,7 @@ static enum bvhd_status find_bulk(struct stage *stage, char up, struct bvhd_erro
         return bvhd_error_no_memory(error, "trace", "no memory for samples of the scene");
     stage_samples_take(stage);
     if (stage->even_count == 0)
-        return bvhd_error_set(error, BVHD_INVALID, "trace", "the scene has no visible triangle");
+        return bvhd_error_set(error, BVHD_INVALID, "trace", "the scene has no visible primitive");
     if (!stage_bulk_find(stage, up))
         return bvhd_error_no_memory(error, "trace", "no memory for samples of the scene");
     return BVHD_OK;

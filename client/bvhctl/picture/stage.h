@@ -13,7 +13,7 @@
 
 enum { STAGE_EVEN_SAMPLES = 8192, STAGE_SAMPLES = 12288 };
 
-/* A random point of a triangle of the scene. */
+/* A random point of a primitive of the scene. For a round one a triangle stands in (round.h). */
 struct stage_sample {
     struct vector at;
     struct vector corners[3]; /* of its triangle */
@@ -25,7 +25,7 @@ struct stage {
     const struct structures *structures;
     struct structure_instance *instances; /* of the top level, sorted by their positions in the request */
     uint32_t instance_count;
-    uint64_t triangle_count; /* of all instances */
+    uint64_t primitive_count; /* triangles, spheres and linear swept spheres of all instances */
     struct vector up, east, north; /* axes of the scene, right-handed: east x north = up */
     /*
      * The horizontal direction from which one looks at the front of most models: +z where y is up, as glTF says, and
@@ -45,7 +45,7 @@ struct stage {
 };
 
 /*
- * Prepares a scene. `up` is 'x', 'y', 'z', or 'a' for a guess. It is an error if no triangle of the scene can be seen.
+ * Prepares a scene. `up` is 'x', 'y', 'z', or 'a' for a guess. It is an error if no primitive of the scene can be seen.
  * The structures must outlive the stage. End with stage_finish.
  */
 enum bvhd_status stage_init(struct stage *stage, const struct structures *structures, char up, struct memory *memory,
@@ -61,9 +61,9 @@ struct stage_hit {
     uint32_t instance, handle, geometry; /* instance 0 without a top level */
     /* the rest is set by surfaces_meet only: */
     uint32_t primitive;
-    double u, v; /* barycentrics: position = (1-u-v) corners[0] + u corners[1] + v corners[2] */
-    struct vector corners[3]; /* of the triangle, in world space */
-    bool is_box; /* there is no triangle */
+    double u, v; /* of the hit; of a triangle, position = (1-u-v) corners[0] + u corners[1] + v corners[2] */
+    struct vector corners[3]; /* of the triangle, or of one in the tangent plane of a round primitive, in world space */
+    bool is_box; /* it is an AABB */
 };
 
 /*

@@ -2,6 +2,7 @@
 #include "client/bvhctl/picture/stage_samples.h"
 
 #include "client/bvhctl/oracle/rays.h"
+#include "client/bvhctl/picture/round.h"
 
 enum {
     TOUR_STRIDE = 8, /* triangles that are visited for each one that a sample is taken from */
@@ -48,16 +49,21 @@ static void add_sample(struct tour *tour, const struct vector corners[3])
     stage->samples[stage->sample_count++] = sample;
 }
 
-static void visit_triangle(struct tour *tour, const struct structure *bottom, const float *transform, uint32_t row)
+static void visit_primitive(struct tour *tour, const struct structure *bottom, const float *transform, uint32_t row)
 {
     float exact[3][3];
     struct vector corners[3];
     uint32_t primitive;
-    structure_triangle(bottom, row, exact, &primitive);
-    for (int i = 0; i < 3; i++) {
-        corners[i] = vector_from_floats(exact[i]);
-        corners[i] = transform ? vector_transform(transform, corners[i]) : corners[i];
+    if (structure_round_count(bottom)) {
+        struct structure_round round = structure_round(bottom, row);
+        round_stand_in(&round, corners);
+    } else {
+        structure_triangle(bottom, row, exact, &primitive);
+        for (int i = 0; i < 3; i++)
+            corners[i] = vector_from_floats(exact[i]);
     }
+    for (int i = 0; i < 3 && transform; i++)
+        corners[i] = vector_transform(transform, corners[i]);
     if (tour->seen % tour->stride == 0)
         tour->picked = rays_random(&tour->pick) % tour->stride;
     bool is_chosen = tour->seen++ % tour->stride == tour->picked && tour->area_step == 0;
@@ -75,14 +81,14 @@ static void take_tour(struct tour *tour)
     const struct stage *stage = tour->stage;
     const struct structure_file *files = stage->structures->files;
     uint32_t source_count = stage->structures->has_top ? stage->instance_count : 1;
-    double step = fmax(1, (double)stage->triangle_count / (STAGE_EVEN_SAMPLES * TOUR_STRIDE));
+    double step = fmax(1, (double)stage->primitive_count / (STAGE_EVEN_SAMPLES * TOUR_STRIDE));
     double next = 0, at = rays_uniform(&tour->place) * step, base = 0;
     for (uint32_t i = 0; i < source_count; i++) {
         const struct structure_instance *instance = stage->structures->has_top ? &stage->instances[i] : NULL;
         const struct structure *bottom = &files[instance ? instance->bottom : 0].structure;
-        double count = structure_triangle_count(bottom);
+        double count = (double)structure_triangle_count(bottom) + structure_round_count(bottom);
         for (; at < base + count; at = next + rays_uniform(&tour->place) * step) {
-            visit_triangle(tour, bottom, instance ? instance->object_to_world : NULL, (uint32_t)(at - base));
+            visit_primitive(tour, bottom, instance ? instance->object_to_world : NULL, (uint32_t)(at - base));
             next += step;
         }
         base += count;
@@ -92,7 +98,7 @@ static void take_tour(struct tour *tour)
 /* Takes samples by number, which show where most triangles are, and then by area, which show what is most visible. */
 void stage_samples_take(struct stage *stage)
 {
-    uint64_t count = stage->triangle_count;
+    uint64_t count = stage->primitive_count;
     struct tour by_number = {
         .stage = stage, .state = 0x5eed, .stride = count < FEW_TRIANGLES ? 1 : TOUR_STRIDE, .repeats = 1};
     if (count > 0 && count < FEWEST_SAMPLES)

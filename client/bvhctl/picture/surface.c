@@ -4,6 +4,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "client/bvhctl/picture/round.h"
+
 #define NO_ROW UINT32_MAX
 
 static uint32_t *make_rows(struct memory *memory, uint64_t count)
@@ -14,14 +16,23 @@ static uint32_t *make_rows(struct memory *memory, uint64_t count)
     return rows;
 }
 
-/* All rows of a split triangle have the same corners, so that any of them will do. */
-static uint32_t *find_triangles(const struct structure *bottom, struct memory *memory)
+static uint32_t primitive_of(const struct structure *bottom, uint32_t row)
 {
-    uint32_t *rows = make_rows(memory, bottom->primitive_count), count = structure_triangle_count(bottom);
+    float corners[3][3];
+    uint32_t primitive;
+    if (structure_round_count(bottom))
+        return structure_round(bottom, row).primitive;
+    structure_triangle(bottom, row, corners, &primitive);
+    return primitive;
+}
+
+/* All rows of a primitive that was split are alike, so that any of them will do. */
+static uint32_t *find_primitives(const struct structure *bottom, struct memory *memory)
+{
+    uint32_t *rows = make_rows(memory, bottom->primitive_count);
+    uint32_t count = structure_triangle_count(bottom) + structure_round_count(bottom); /* one of them is 0 */
     for (uint32_t row = 0; row < count && rows; row++) {
-        float corners[3][3];
-        uint32_t primitive;
-        structure_triangle(bottom, row, corners, &primitive);
+        uint32_t primitive = primitive_of(bottom, row);
         if (primitive < bottom->primitive_count)
             rows[primitive] = row;
     }
@@ -50,11 +61,11 @@ static bool fill_bottoms(struct surfaces *surfaces, struct bottom_data *places)
     qsort(places, count, sizeof *places, compare_places);
     for (uint32_t i = 0; i < count; i++) {
         bool is_same = i > 0 && places[i].data == places[i - 1].data;
-        uint32_t **rows = &surfaces->triangle_rows[places[i].bottom];
+        uint32_t **rows = &surfaces->primitive_rows[places[i].bottom];
         surfaces->owners[places[i].bottom] = is_same ? surfaces->owners[places[i - 1].bottom] : places[i].bottom;
         if (is_same || !places[i].data)
             continue;
-        *rows = find_triangles(&structures->files[places[i].bottom].structure, surfaces->memory);
+        *rows = find_primitives(&structures->files[places[i].bottom].structure, surfaces->memory);
         if (!*rows)
             return false;
     }
@@ -66,11 +77,11 @@ static bool find_bottoms(struct surfaces *surfaces)
     struct memory *memory = surfaces->memory;
     uint64_t count = (uint64_t)surfaces->structures->bottom_count + 1;
     struct bottom_data *places = memory_array(memory, count, sizeof *places);
-    surfaces->triangle_rows = memory_array(memory, count, sizeof *surfaces->triangle_rows);
+    surfaces->primitive_rows = memory_array(memory, count, sizeof *surfaces->primitive_rows);
     surfaces->owners = memory_array(memory, count, sizeof *surfaces->owners);
-    if (surfaces->triangle_rows)
-        memset(surfaces->triangle_rows, 0, count * sizeof *surfaces->triangle_rows);
-    bool ok = places && surfaces->triangle_rows && surfaces->owners && fill_bottoms(surfaces, places);
+    if (surfaces->primitive_rows)
+        memset(surfaces->primitive_rows, 0, count * sizeof *surfaces->primitive_rows);
+    bool ok = places && surfaces->primitive_rows && surfaces->owners && fill_bottoms(surfaces, places);
     memory_free(memory, places);
     return ok;
 }
@@ -96,16 +107,16 @@ enum bvhd_status surfaces_init(struct surfaces *surfaces, const struct structure
     if (find_instances(surfaces) && find_bottoms(surfaces))
         return BVHD_OK;
     surfaces_finish(surfaces);
-    return bvhd_error_no_memory(error, "trace", "no memory to find triangles");
+    return bvhd_error_no_memory(error, "trace", "no memory to find primitives");
 }
 
 void surfaces_finish(struct surfaces *surfaces)
 {
     if (!surfaces || !surfaces->memory)
         return;
-    for (uint32_t i = 0; surfaces->triangle_rows && i < surfaces->structures->bottom_count; i++)
-        memory_free(surfaces->memory, surfaces->triangle_rows[i]);
-    memory_free(surfaces->memory, surfaces->triangle_rows);
+    for (uint32_t i = 0; surfaces->primitive_rows && i < surfaces->structures->bottom_count; i++)
+        memory_free(surfaces->memory, surfaces->primitive_rows[i]);
+    memory_free(surfaces->memory, surfaces->primitive_rows);
     memory_free(surfaces->memory, surfaces->owners);
     memory_free(surfaces->memory, surfaces->instance_rows);
     *surfaces = (struct surfaces){0};
@@ -129,19 +140,45 @@ static const struct structure_geometry *find_geometry(const struct structure *bo
     return NULL;
 }
 
-static bool find_corners(const struct surfaces *surfaces, uint32_t bottom, const struct tracer_hit *hit,
-                         float ret_corners[3][3])
+/* Finds the row of the primitive that was hit. Returns false if there is none. */
+static bool find_row(const struct surfaces *surfaces, uint32_t bottom, const struct tracer_hit *hit, uint32_t *ret_row)
 {
     const struct structure *structure = &surfaces->structures->files[bottom].structure;
-    const uint32_t *rows = surfaces->triangle_rows[surfaces->owners[bottom]];
+    const uint32_t *rows = surfaces->primitive_rows[surfaces->owners[bottom]];
     const struct structure_geometry *geometry = find_geometry(structure, hit->geometry);
     if (!rows || !geometry || hit->primitive >= geometry->primitive_count)
         return false;
-    uint32_t row = rows[geometry->first_primitive + hit->primitive], primitive;
-    if (row == NO_ROW)
-        return false;
-    structure_triangle(structure, row, ret_corners, &primitive);
-    return true;
+    *ret_row = rows[geometry->first_primitive + hit->primitive];
+    return *ret_row != NO_ROW;
+}
+
+static struct vector position_of(const struct ray *ray, const struct tracer_hit *hit)
+{
+    return vector_mad(vector_from_floats(ray->origin), vector_from_floats(ray->direction), (double)hit->t);
+}
+
+static void find_triangle(const struct structure *bottom, uint32_t row, const float *transform,
+                          struct vector ret_corners[3])
+{
+    float corners[3][3];
+    uint32_t primitive;
+    structure_triangle(bottom, row, corners, &primitive);
+    for (int i = 0; i < 3; i++) {
+        struct vector corner = vector_from_floats(corners[i]);
+        ret_corners[i] = transform ? vector_transform(transform, corner) : corner;
+    }
+}
+
+/* Finds a triangle in the tangent plane, as large as the primitive is thick. */
+static void find_tangent(const struct structure_round *round, const float *transform, struct vector position, double u,
+                         struct vector ret_corners[3])
+{
+    struct vector normal = round_normal(round, transform, position, u), a, b;
+    double size = fmax((double)round->ends[0][3], (double)round->ends[1][3]);
+    vector_basis(normal, &a, &b);
+    ret_corners[0] = position;
+    ret_corners[1] = vector_mad(position, a, size);
+    ret_corners[2] = vector_mad(position, b, size);
 }
 
 /* Finds the instance of a hit, of a triangle or an AABB. */
@@ -159,21 +196,25 @@ static bool find_instance(const struct surfaces *surfaces, const struct tracer_h
     return ret_instance->bottom < surfaces->structures->bottom_count;
 }
 
-bool surfaces_find(const struct surfaces *surfaces, const struct tracer_hit *hit, struct surface *ret_surface)
+bool surfaces_find(const struct surfaces *surfaces, const struct ray *ray, const struct tracer_hit *hit,
+                   struct surface *ret_surface)
 {
     struct structure_instance instance = {0};
-    float corners[3][3];
+    uint32_t row;
     if (hit->flags & TRACER_AABB || !find_instance(surfaces, hit, &instance) ||
-        !find_corners(surfaces, instance.bottom, hit, corners))
+        !find_row(surfaces, instance.bottom, hit, &row))
         return false;
     *ret_surface = (struct surface){.bottom = instance.bottom};
-    bool has_top = structures_top(surfaces->structures) != NULL;
-    for (int i = 0; i < 3; i++) {
-        struct vector corner = vector_from_floats(corners[i]);
-        ret_surface->corners[i] = has_top ? vector_transform(instance.object_to_world, corner) : corner;
+    const struct structure *bottom = &surfaces->structures->files[instance.bottom].structure;
+    const float *transform = structures_top(surfaces->structures) ? instance.object_to_world : NULL;
+    if (structure_round_count(bottom)) {
+        struct structure_round round = structure_round(bottom, row);
+        find_tangent(&round, transform, position_of(ray, hit), fmin(fmax((double)hit->u, 0), 1), ret_surface->corners);
+    } else {
+        find_triangle(bottom, row, transform, ret_surface->corners);
     }
-    if (has_top)
-        ret_surface->shift = vector_transform(instance.object_to_world, vector_make(0, 0, 0));
+    if (transform)
+        ret_surface->shift = vector_transform(transform, vector_make(0, 0, 0));
     return true;
 }
 
@@ -199,15 +240,15 @@ bool surfaces_meet(const struct surfaces *surfaces, const struct ray *ray, const
         return false;
     struct surface surface = {0};
     struct vector direction = vector_from_floats(ray->direction), normal = vector_scale(direction, -1);
-    bool is_triangle = surfaces_find(surfaces, hit, &surface);
-    if (is_triangle)
+    bool is_found = surfaces_find(surfaces, ray, hit, &surface);
+    if (is_found)
         normal = surface_normal(&surface);
     else if (!(hit->flags & TRACER_AABB) || !find_box(surfaces, hit, &surface.bottom))
         return false;
     bool is_back = vector_dot(normal, direction) > 0;
     if (is_back)
         normal = vector_scale(normal, -1);
-    *ret_hit = (struct stage_hit){.position = vector_mad(vector_from_floats(ray->origin), direction, (double)hit->t),
+    *ret_hit = (struct stage_hit){.position = position_of(ray, hit),
                                   .normal = normal,
                                   .distance = (double)hit->t,
                                   .is_back = is_back,
@@ -218,6 +259,6 @@ bool surfaces_meet(const struct surfaces *surfaces, const struct ray *ray, const
                                   .u = fmin(fmax((double)hit->u, 0), 1),
                                   .v = fmin(fmax((double)hit->v, 0), 1),
                                   .corners = {surface.corners[0], surface.corners[1], surface.corners[2]},
-                                  .is_box = !is_triangle};
+                                  .is_box = !is_found};
     return true;
 }

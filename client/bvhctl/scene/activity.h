@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* activity.h - counts the triangles of a mesh that no ray can hit, by kind. The builder's definitions apply. */
+/* activity.h - counts the primitives of a mesh that no ray can hit, by kind. The builder's definitions apply. */
 #ifndef BVHCTL_ACTIVITY_H
 #define BVHCTL_ACTIVITY_H
 
@@ -7,7 +7,7 @@
 
 struct activity {
     uint64_t inactive; /* a corner has a NaN */
-    uint64_t degenerate; /* active and finite, without area */
+    uint64_t degenerate; /* active and finite, without area, or with no radius above 0 */
     uint64_t infinite; /* active, with a corner that is not finite */
 };
 

@@ -19,27 +19,6 @@ VkAccelerationStructureKHR assemble_handle(uint64_t number)
     return handle;
 }
 
-static uint32_t max_vertex(const struct import_mesh *mesh)
-{
-    return mesh->vertex_count ? mesh->vertex_count - 1 : 0;
-}
-
-static VkAccelerationStructureGeometryKHR describe_mesh(const struct import_mesh *mesh, uint32_t geometry_flags)
-{
-    return (VkAccelerationStructureGeometryKHR){
-        .sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_GEOMETRY_KHR,
-        .geometryType = VK_GEOMETRY_TYPE_TRIANGLES_KHR,
-        .geometry.triangles = {.sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_GEOMETRY_TRIANGLES_DATA_KHR,
-                               .vertexFormat = VK_FORMAT_R32G32B32_SFLOAT,
-                               .vertexData.hostAddress = mesh->positions,
-                               .vertexStride = 3 * sizeof(float),
-                               .maxVertex = max_vertex(mesh),
-                               .indexType = VK_INDEX_TYPE_UINT32,
-                               .indexData.hostAddress = mesh->indices},
-        .flags = geometry_flags,
-    };
-}
-
 static VkAccelerationStructureBuildGeometryInfoKHR describe_build(const struct options *options,
                                                                   VkAccelerationStructureTypeKHR type, uint64_t handle,
                                                                   uint32_t geometry_count,
@@ -75,11 +54,12 @@ static struct bvhd_build make_request(const struct options *options, uint32_t co
     };
 }
 
-/* The descriptions of all bottom levels. Their geometries are in one array, and their ranges in another. */
+/* The descriptions of all bottom levels. Their geometries are in one array, their ranges in another, and so on. */
 struct bottom_arrays {
     VkAccelerationStructureBuildGeometryInfoKHR *infos;
     const VkAccelerationStructureBuildRangeInfoKHR **ranges;
     VkAccelerationStructureGeometryKHR *geometries;
+    union assemble_round *rounds; /* one for each geometry */
     VkAccelerationStructureBuildRangeInfoKHR *range_rows;
 };
 
@@ -88,6 +68,7 @@ static void bottom_arrays_finish(struct bottom_arrays *arrays, struct memory *me
     memory_free(memory, arrays->infos);
     memory_free(memory, arrays->ranges);
     memory_free(memory, arrays->geometries);
+    memory_free(memory, arrays->rounds);
     memory_free(memory, arrays->range_rows);
 }
 
@@ -99,25 +80,28 @@ static bool bottom_arrays_init(struct bottom_arrays *arrays, const struct import
     arrays->infos = memory_array(memory, import->bottom_count, sizeof *arrays->infos);
     arrays->ranges = memory_array(memory, import->bottom_count, sizeof *arrays->ranges);
     arrays->geometries = memory_array(memory, geometry_count, sizeof *arrays->geometries);
+    arrays->rounds = memory_array(memory, geometry_count, sizeof *arrays->rounds);
     arrays->range_rows = memory_array(memory, geometry_count, sizeof *arrays->range_rows);
-    return arrays->infos && arrays->ranges && arrays->geometries && arrays->range_rows;
+    return arrays->infos && arrays->ranges && arrays->geometries && arrays->rounds && arrays->range_rows;
 }
 
 static void describe_bottoms(const struct scene_build *job, struct bottom_arrays *arrays)
 {
     VkAccelerationStructureGeometryKHR *geometries = arrays->geometries;
+    union assemble_round *rounds = arrays->rounds;
     VkAccelerationStructureBuildRangeInfoKHR *ranges = arrays->range_rows;
     for (uint32_t i = 0; i < job->import->bottom_count; i++) {
         const struct import_bottom *bottom = &job->import->bottoms[i];
         for (uint32_t k = 0; k < bottom->mesh_count; k++) {
             const struct import_mesh *mesh = &job->import->meshes[bottom->meshes[k]];
-            geometries[k] = describe_mesh(mesh, job->options->geometry_flags);
-            ranges[k] = (VkAccelerationStructureBuildRangeInfoKHR){.primitiveCount = mesh->triangle_count};
+            geometries[k] = assemble_describe_mesh(mesh, job->options->geometry_flags, &rounds[k]);
+            ranges[k] = (VkAccelerationStructureBuildRangeInfoKHR){.primitiveCount = mesh->primitive_count};
         }
         arrays->infos[i] = describe_build(job->options, VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR,
                                           UINT64_C(1) + i, bottom->mesh_count, geometries);
         arrays->ranges[i] = ranges;
         geometries += bottom->mesh_count;
+        rounds += bottom->mesh_count;
         ranges += bottom->mesh_count;
     }
 }

@@ -3,6 +3,7 @@
 #ifndef BVHCTL_ASSEMBLE_INTERNAL_H
 #define BVHCTL_ASSEMBLE_INTERNAL_H
 
+#include "bvhd/vulkan_nv.h"
 #include "client/bvhctl/scene/assemble.h"
 
 /* The arguments of assemble(), for its helpers. */
@@ -16,6 +17,16 @@ struct scene_build {
 
 /* Makes a handle, which only has to differ from the others of a call. */
 VkAccelerationStructureKHR assemble_handle(uint64_t number);
+
+/* What a geometry of points or lines has in its pNext chain. */
+union assemble_round {
+    VkAccelerationStructureGeometrySpheresDataNV spheres;
+    VkAccelerationStructureGeometryLinearSweptSpheresDataNV swept_spheres;
+};
+
+/* Describes a mesh, which has to outlive the result. *round has to do so, too: it is used for points and lines. */
+VkAccelerationStructureGeometryKHR assemble_describe_mesh(const struct import_mesh *mesh, uint32_t geometry_flags,
+                                                          union assemble_round *round);
 
 /* A request whose structures are updated if they have a source. */
 struct assembly_request {

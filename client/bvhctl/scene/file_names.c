@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "client/bvhctl/scene/import_round.h"
 #include "proto/base/checksum.h"
 
 enum { NAME_MAX_LENGTH = 48, DIGEST_LENGTH = 16 }; /* NAME_MAX_LENGTH: of the name of a mesh, as far as it is used */
@@ -67,13 +68,15 @@ static void add_text(struct checksum *sum, const char *text)
 
 static void add_mesh(struct checksum *sum, const struct import_mesh *mesh)
 {
-    uint32_t counts[] = {mesh->vertex_count, mesh->triangle_count, mesh->has_colour};
+    uint32_t counts[] = {mesh->vertex_count, mesh->primitive_count, mesh->has_colour};
     add_text(sum, own_name(mesh));
     add_text(sum, mesh->material);
     add_bytes(sum, counts, sizeof counts);
     add_bytes(sum, mesh->colour, mesh->has_colour ? sizeof mesh->colour : 0);
     add_bytes(sum, mesh->positions, mesh->vertex_count * UINT64_C(12));
-    add_bytes(sum, mesh->indices, mesh->triangle_count * UINT64_C(12));
+    add_bytes(sum, mesh->indices, import_corner_count(mesh) * 4);
+    if (mesh->radii)
+        add_bytes(sum, mesh->radii, mesh->vertex_count * UINT64_C(4));
 }
 
 /* The name of several meshes that were primitives of one mesh, "NAME-0" and so on, is NAME. */

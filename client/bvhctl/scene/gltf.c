@@ -14,6 +14,7 @@
 #include "client/bvhctl/scene/gltf_nodes.h"
 #include "client/bvhctl/scene/gltf_pose.h"
 #include "client/bvhctl/scene/gltf_scenes.h"
+#include "client/bvhctl/scene/import_round.h"
 
 /* The state of the reader. */
 struct reader {
@@ -25,7 +26,8 @@ struct reader {
     struct form_use {
         uint32_t first; /* its first import mesh */
         uint32_t count; /* and how many there are */
-        uint32_t bottom; /* its bottom level + 1; 0: none yet */
+        bool has[IMPORT_SHAPES]; /* a primitive of the shape */
+        uint32_t bottoms[IMPORT_SHAPES]; /* its bottom level of each shape + 1; 0: none yet */
     } * uses; /* one for each form */
 };
 
@@ -77,7 +79,7 @@ static enum bvhd_status read_form(struct reader *reader, uint32_t form)
     const struct gltf_form *from = &reader->forms.items[form];
     const struct form_use *use = &reader->uses[form];
     struct import_mesh *meshes = reader->import->meshes + use->first;
-    enum bvhd_status status = gltf_mesh_read(&reader->file, from->mesh, meshes);
+    enum bvhd_status status = gltf_mesh_read(&reader->file, from->mesh, reader->wish, meshes);
     for (uint32_t i = 0; i < use->count; i++) {
         meshes[i].counts.skins = from->is_skinned && !reader->wish->moment;
         if (reader->wish->moment)
@@ -93,10 +95,9 @@ static enum bvhd_status read_meshes(struct reader *reader)
     for (uint32_t i = 0; i < mesh_count(reader) && !status; i++)
         for (uint32_t form = reader->forms.lists[i].first; form && !status; form = reader->forms.items[form - 1].next)
             status = read_form(reader, form - 1);
-    for (uint32_t i = 0; i < import->mesh_count; i++) {
-        import->triangle_count += import->meshes[i].triangle_count;
+    for (uint32_t i = 0; i < import->mesh_count; i++)
         import_counts_add_mesh(&import->counts, &import->meshes[i].counts);
-    }
+    import_round_count(import);
     return status;
 }
 
@@ -141,63 +142,105 @@ static enum bvhd_status apply_pose(struct reader *reader)
     return status;
 }
 
-static bool has_triangles(const struct reader *reader, const struct form_use *use)
+/* Finds which shapes the forms have. Returns how many instances there are, with one for each shape. */
+static uint64_t find_shapes(struct reader *reader)
 {
-    for (uint32_t i = 0; i < use->count; i++)
-        if (reader->import->meshes[use->first + i].triangle_count)
-            return true;
-    return false;
+    const struct import *import = reader->import;
+    uint64_t count = 0;
+    for (uint32_t form = 0; form < reader->forms.count; form++) {
+        struct form_use *use = &reader->uses[form];
+        for (uint32_t i = 0; i < use->count; i++)
+            use->has[import->meshes[use->first + i].shape] |= import->meshes[use->first + i].primitive_count > 0;
+    }
+    for (uint32_t i = 0; i < import->instance_count; i++)
+        for (int shape = 0; shape < IMPORT_SHAPES; shape++)
+            count += reader->uses[import->instances[i].bottom].has[shape];
+    return count;
 }
 
-/* A bottom level has the name of its mesh if that has one primitive, else that of the first node that has it. */
-static char *name_bottom(const struct reader *reader, uint32_t form)
+/*
+ * A bottom level has the name of its mesh if that has one primitive, else that of the first node that has it, with an
+ * ending for points and for lines.
+ */
+static char *name_bottom(const struct reader *reader, uint32_t form, enum import_shape shape)
 {
     const struct form_use *use = &reader->uses[form];
     uint32_t node_index = reader->forms.items[form].first_node;
     struct gltf_value node = gltf_item(&reader->file, GLTF_NODES, node_index);
-    const char *name = gltf_text(&node, "name");
+    const char *name = gltf_text(&node, "name"), *ending = import_shape_kinds[shape].ending;
     char unnamed[32];
     snprintf(unnamed, sizeof unnamed, "nodes[%u]", node_index);
     if (use->count == 1)
-        name = reader->import->meshes[use->first].name;
-    return files_copy_text(reader->file.memory, name && *name ? name : unnamed);
+        return files_copy_text(reader->file.memory, reader->import->meshes[use->first].name);
+    name = name && *name ? name : unnamed;
+    uint64_t size = strlen(name) + strlen(ending) + 1;
+    char *text = memory_alloc(reader->file.memory, size);
+    if (text)
+        snprintf(text, size, "%s%s", name, ending);
+    return text;
 }
 
-static bool add_bottom(struct reader *reader, uint32_t form)
+static bool add_bottom(struct reader *reader, uint32_t form, enum import_shape shape)
 {
     struct form_use *use = &reader->uses[form];
     struct import *import = reader->import;
     struct import_bottom *bottom = &import->bottoms[import->bottom_count++];
-    *bottom = (struct import_bottom){.mesh_count = use->count, .name = name_bottom(reader, form)};
-    bottom->meshes = memory_array(import->memory, bottom->mesh_count, sizeof *bottom->meshes);
-    for (uint32_t i = 0; i < bottom->mesh_count && bottom->meshes; i++)
-        bottom->meshes[i] = use->first + i;
-    use->bottom = import->bottom_count;
+    *bottom = (struct import_bottom){.name = name_bottom(reader, form, shape)};
+    bottom->meshes = memory_array(import->memory, use->count, sizeof *bottom->meshes);
+    for (uint32_t i = 0; i < use->count && bottom->meshes; i++)
+        if (import->meshes[use->first + i].shape == shape)
+            bottom->meshes[bottom->mesh_count++] = use->first + i;
+    use->bottoms[shape] = import->bottom_count;
     return bottom->name && bottom->meshes;
 }
 
-/* Replaces forms by bottom levels in the instances, and drops instances of meshes without a triangle. */
+/* Adds an instance for each shape of which its form has a primitive. */
+static enum bvhd_status add_instances(struct reader *reader, struct import_instance instance,
+                                      struct import_instance *instances, uint32_t *count)
+{
+    uint32_t form = instance.bottom;
+    struct form_use *use = &reader->uses[form];
+    for (int shape = 0; shape < IMPORT_SHAPES; shape++) {
+        if (!use->has[shape])
+            continue;
+        if (!use->bottoms[shape] && !add_bottom(reader, form, (enum import_shape)shape))
+            return gltf_no_memory(&reader->file);
+        instance.bottom = use->bottoms[shape] - 1;
+        reader->import->skipped_instances += instance.skipped;
+        instances[(*count)++] = instance;
+    }
+    return BVHD_OK;
+}
+
+/* Replaces forms by bottom levels in the instances, and drops instances of meshes without a primitive. */
 static enum bvhd_status make_bottoms(struct reader *reader)
 {
     struct import *import = reader->import;
-    uint32_t kept = 0;
-    uint64_t skipped = 0;
-    import->bottoms = memory_array(import->memory, (uint64_t)reader->forms.count + 1, sizeof *import->bottoms);
-    if (!import->bottoms)
-        return gltf_no_memory(&reader->file);
-    for (uint32_t i = 0; i < import->instance_count; i++) {
-        struct import_instance instance = import->instances[i];
-        const struct form_use *use = &reader->uses[instance.bottom];
-        if (!has_triangles(reader, use))
-            continue;
-        if (!use->bottom && !add_bottom(reader, instance.bottom))
-            return gltf_no_memory(&reader->file);
-        instance.bottom = use->bottom - 1;
-        skipped += instance.skipped;
-        import->instances[kept++] = instance;
+    uint64_t forms = (uint64_t)reader->forms.count * IMPORT_SHAPES, wanted = find_shapes(reader);
+    struct import_instance *instances = memory_array(import->memory, wanted + 1, sizeof *instances);
+    uint32_t count = 0;
+    import->skipped_instances = 0;
+    import->bottoms = memory_array(import->memory, forms + 1, sizeof *import->bottoms);
+    enum bvhd_status status =
+        import->bottoms && instances && wanted < UINT32_MAX ? BVHD_OK : gltf_no_memory(&reader->file);
+    for (uint32_t i = 0; i < import->instance_count && !status; i++)
+        status = add_instances(reader, import->instances[i], instances, &count);
+    if (status) {
+        memory_free(import->memory, instances);
+        return status;
     }
-    import->instance_count = kept;
-    import->skipped_instances = skipped;
+    memory_free(import->memory, import->instances);
+    import->instances = instances;
+    import->instance_count = count;
+    return BVHD_OK;
+}
+
+/* Brings the vertices of points and lines into their final order, after the pose. */
+static enum bvhd_status order_round(struct reader *reader)
+{
+    for (uint32_t i = 0; i < reader->import->mesh_count; i++)
+        if (!import_round_order(&reader->import->meshes[i], reader->file.memory))
+            return gltf_no_memory(&reader->file);
     return BVHD_OK;
 }
 
@@ -243,9 +286,9 @@ static enum bvhd_status no_triangles(const struct reader *reader)
     if (!counts->points && !counts->lines && !counts->positionless)
         return gltf_refuse(&reader->file, BVHD_INVALID, NULL, "no triangles in it");
     return gltf_refuse(&reader->file, BVHD_INVALID, NULL,
-                       "no triangles in it, only %llu points, %llu lines and %llu primitives without positions",
+                       "no triangles in it, only %llu points, %llu lines and %llu primitives without positions%s",
                        (unsigned long long)counts->points, (unsigned long long)counts->lines,
-                       (unsigned long long)counts->positionless);
+                       (unsigned long long)counts->positionless, import_round_hint(counts));
 }
 
 /* Reads the nodes of the chosen scenes, in the pose of the moment if there is one. */
@@ -273,13 +316,16 @@ static enum bvhd_status read_scene(struct reader *reader)
     if (!status && reader->wish->moment)
         status = apply_pose(reader);
     if (!status)
+        status = order_round(reader);
+    if (!status)
         status = make_bottoms(reader);
-    if (!status && reader->import->triangle_count == 0)
+    if (!status && !import_round_any(reader->import))
         return no_triangles(reader);
     if (!status)
         count_animations(reader);
-    reader->import->has_second_reader =
-        !reader->wish->scene && !reader->wish->moment && reader->file.lists[GLTF_SCENES].count == 1;
+    reader->import->has_second_reader = !reader->wish->scene && !reader->wish->moment &&
+                                        reader->file.lists[GLTF_SCENES].count == 1 &&
+                                        reader->import->triangle_count > 0;
     return status;
 }
 

@@ -164,7 +164,7 @@ static enum bvhd_status deform_primitives(const struct deformer *deformer, const
     uint32_t number = 0;
     for (const cJSON *item = primitives.json ? primitives.json->child : NULL; item && !status; item = item->next) {
         struct gltf_value primitive = gltf_element(&primitives, item, number);
-        if (meshes[number].triangle_count)
+        if (meshes[number].primitive_count)
             status = deform_primitive(deformer, &primitive, &meshes[number]);
         number++;
     }

@@ -309,7 +309,7 @@ static void read_material(struct gltf_looks *looks, const struct gltf_value *pri
     struct gltf_value model = is_glossy ? glossy : gltf_member(&material, "pbrMetallicRoughness");
     struct gltf_value texture = gltf_member(&model, is_glossy ? "diffuseTexture" : "baseColorTexture");
     read_factor(looks, &model, is_glossy ? "diffuseFactor" : "baseColorFactor", &mesh->look);
-    if (texture.json)
+    if (texture.json && mesh->shape == IMPORT_TRIANGLES)
         read_texture(looks, primitive, &texture, mesh);
     read_alpha(&material, &mesh->look);
 }
@@ -330,10 +330,11 @@ void gltf_look_read(struct gltf_looks *looks, const struct gltf_value *primitive
     struct import_look *look = &mesh->look;
     *look = (struct import_look){
         .is_coloured = mesh->has_colour, .wrap = {IMPORT_REPEAT, IMPORT_REPEAT}, .factor = {1, 1, 1, 1}};
-    if (mesh->triangle_count == 0)
+    if (mesh->primitive_count == 0)
         return;
     read_material(looks, primitive, mesh);
-    look->normals = read_attribute(looks, primitive, "NORMAL", 3, 3, mesh);
+    if (mesh->shape == IMPORT_TRIANGLES)
+        look->normals = read_attribute(looks, primitive, "NORMAL", 3, 3, mesh);
     look->colours = read_attribute(looks, primitive, "COLOR_0", 3, 4, mesh);
     if (look->normals)
         normalize(look->normals, mesh->vertex_count);

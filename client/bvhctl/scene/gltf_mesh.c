@@ -7,8 +7,8 @@
 #include "client/bvhctl/base/files.h"
 #include "client/bvhctl/scene/gltf_accessor.h"
 #include "client/bvhctl/scene/gltf_material.h"
-
-enum mode { POINTS, LINES, LINE_LOOP, LINE_STRIP, TRIANGLES, TRIANGLE_STRIP, TRIANGLE_FAN };
+#include "client/bvhctl/scene/gltf_round.h"
+#include "client/bvhctl/scene/import_round.h"
 
 enum bvhd_status gltf_mesh_primitives(const struct gltf_file *file, uint32_t index, uint32_t *ret_count)
 {
@@ -18,21 +18,10 @@ enum bvhd_status gltf_mesh_primitives(const struct gltf_file *file, uint32_t ind
     return status;
 }
 
-/* Counts what a primitive that has no triangles would draw from `corners` corners. */
-static void count_others(struct import_counts *counts, enum mode mode, uint32_t corners)
-{
-    if (mode == POINTS)
-        counts->points += corners;
-    else if (mode == LINES)
-        counts->lines += corners / 2;
-    else if (corners > 1)
-        counts->lines += mode == LINE_LOOP ? corners : corners - 1;
-}
-
 /* Returns how many triangles there are, and counts corners that are left over. */
-static uint32_t count_triangles(struct import_counts *counts, enum mode mode, uint32_t corners)
+static uint32_t count_triangles(struct import_counts *counts, enum gltf_mode mode, uint32_t corners)
 {
-    if (mode == TRIANGLES) {
+    if (mode == GLTF_TRIANGLE_LIST) {
         counts->incomplete += corners % 3 != 0;
         return corners / 3;
     }
@@ -44,10 +33,10 @@ static uint32_t count_triangles(struct import_counts *counts, enum mode mode, ui
  * Writes the corners of triangle `i` of a strip or fan. The first corner is not always the one that the specification
  * names, but the order around the triangle is; bvhctl has always numbered them so, and keys depend on it.
  */
-static void place_corners(enum mode mode, const uint32_t *corners, uint32_t i, uint32_t *ret_triangle)
+static void place_corners(enum gltf_mode mode, const uint32_t *corners, uint32_t i, uint32_t *ret_triangle)
 {
-    uint32_t first = mode == TRIANGLE_FAN ? 0 : i % 2 ? i + 1 : i;
-    uint32_t second = mode == TRIANGLE_FAN ? i + 1 : i % 2 ? i : i + 1;
+    uint32_t first = mode == GLTF_TRIANGLE_FAN ? 0 : i % 2 ? i + 1 : i;
+    uint32_t second = mode == GLTF_TRIANGLE_FAN ? i + 1 : i % 2 ? i : i + 1;
     ret_triangle[0] = corners ? corners[first] : first;
     ret_triangle[1] = corners ? corners[second] : second;
     ret_triangle[2] = corners ? corners[i + 2] : i + 2;
@@ -57,10 +46,11 @@ static void place_corners(enum mode mode, const uint32_t *corners, uint32_t i, u
 struct primitive {
     struct gltf_file *file;
     struct gltf_value value;
-    enum mode mode;
+    enum gltf_mode mode;
     bool is_indexed;
     struct gltf_accessor positions, indices;
     uint32_t corners;
+    const struct import_wish *wish;
     struct import_mesh *mesh;
 };
 
@@ -91,26 +81,35 @@ static enum bvhd_status read_list(const struct primitive *primitive)
     uint32_t *indices = primitive->mesh->indices;
     if (primitive->is_indexed)
         return read_corners(primitive, indices);
-    for (uint32_t i = 0; i < 3 * primitive->mesh->triangle_count; i++)
+    for (uint32_t i = 0; i < 3 * primitive->mesh->primitive_count; i++)
         indices[i] = i;
     return BVHD_OK;
 }
 
-static enum bvhd_status read_strip(const struct primitive *primitive)
+/* Decodes the indices to an array of their own; *ret_corners stays NULL if there are none. */
+static enum bvhd_status read_own_corners(const struct primitive *primitive, uint32_t **ret_corners)
 {
     struct memory *memory = primitive->file->memory;
+    if (!primitive->is_indexed)
+        return BVHD_OK;
+    uint32_t *corners = memory_array(memory, (uint64_t)primitive->corners + 1, sizeof *corners);
+    enum bvhd_status status = corners ? read_corners(primitive, corners) : gltf_no_memory(primitive->file);
+    if (status)
+        memory_free(memory, corners);
+    else
+        *ret_corners = corners;
+    return status;
+}
+
+static enum bvhd_status read_strip(const struct primitive *primitive)
+{
     uint32_t *corners = NULL;
-    if (primitive->is_indexed) {
-        corners = memory_array(memory, (uint64_t)primitive->corners + 1, sizeof *corners);
-        enum bvhd_status status = corners ? read_corners(primitive, corners) : gltf_no_memory(primitive->file);
-        if (status) {
-            memory_free(memory, corners);
-            return status;
-        }
-    }
-    for (uint32_t i = 0; i < primitive->mesh->triangle_count; i++)
+    enum bvhd_status status = read_own_corners(primitive, &corners);
+    if (status)
+        return status;
+    for (uint32_t i = 0; i < primitive->mesh->primitive_count; i++)
         place_corners(primitive->mode, corners, i, primitive->mesh->indices + 3 * (size_t)i);
-    memory_free(memory, corners);
+    memory_free(primitive->file->memory, corners);
     return BVHD_OK;
 }
 
@@ -118,12 +117,12 @@ static enum bvhd_status read_triangles(const struct primitive *primitive)
 {
     struct import_mesh *mesh = primitive->mesh;
     struct gltf_file *file = primitive->file;
-    mesh->triangle_count = count_triangles(&mesh->counts, primitive->mode, primitive->corners);
+    mesh->primitive_count = count_triangles(&mesh->counts, primitive->mode, primitive->corners);
     /* There is room for the corners that are left over, because indices are decoded before they are dropped. */
-    mesh->indices = memory_array(file->memory, (uint64_t)mesh->triangle_count + 1, 3 * sizeof *mesh->indices);
+    mesh->indices = memory_array(file->memory, (uint64_t)mesh->primitive_count + 1, 3 * sizeof *mesh->indices);
     if (!mesh->indices)
         return gltf_no_memory(file);
-    return primitive->mode == TRIANGLES ? read_list(primitive) : read_strip(primitive);
+    return primitive->mode == GLTF_TRIANGLE_LIST ? read_list(primitive) : read_strip(primitive);
 }
 
 static enum bvhd_status read_positions(const struct primitive *primitive)
@@ -142,6 +141,38 @@ static enum bvhd_status read_positions(const struct primitive *primitive)
     if (!status)
         mesh->counts.bounds += !gltf_accessor_bounds_agree(file, accessor, mesh->positions);
     return status;
+}
+
+/* Reads points or lines, after the positions. */
+static enum bvhd_status read_round(const struct primitive *primitive, enum import_shape shape)
+{
+    struct gltf_file *file = primitive->file;
+    struct import_mesh *mesh = primitive->mesh;
+    uint32_t *corners = NULL, count = gltf_round_count(primitive->mode, primitive->corners);
+    mesh->shape = shape;
+    mesh->counts.incomplete += shape == IMPORT_LINES &&
+                               (primitive->mode == GLTF_LINES ? primitive->corners % 2 != 0 : primitive->corners == 1);
+    if (count > INT32_MAX)
+        return gltf_refuse(file, BVHD_UNSUPPORTED, &primitive->value, "more than %u points or lines", INT32_MAX);
+    mesh->indices = memory_array(file->memory, (uint64_t)count + 1, 2 * sizeof *mesh->indices);
+    if (!mesh->indices)
+        return gltf_no_memory(file);
+    enum bvhd_status status = read_own_corners(primitive, &corners);
+    if (!status) {
+        gltf_round_place(primitive->mode, corners, primitive->corners, mesh->indices);
+        mesh->primitive_count = count;
+        status = gltf_round_read_radii(file, &primitive->value, import_round_radius(primitive->wish, shape), mesh);
+    }
+    memory_free(file->memory, corners);
+    return status;
+}
+
+/* Counts the points or lines of a primitive that is left out. */
+static void count_round(const struct primitive *primitive, enum import_shape shape)
+{
+    struct import_counts *counts = &primitive->mesh->counts;
+    *(shape == IMPORT_POINTS ? &counts->points : &counts->lines) +=
+        gltf_round_count(primitive->mode, primitive->corners);
 }
 
 /* Makes the arrays of a mesh without triangles, which are not NULL. */
@@ -177,9 +208,10 @@ static enum bvhd_status read_geometry(struct primitive *primitive)
     struct gltf_file *file = primitive->file;
     uint64_t mode = 0;
     bool has_positions = false;
-    enum bvhd_status status = gltf_integer(file, &primitive->value, "mode",
-                                           (struct gltf_range){POINTS, TRIANGLE_FAN, false, TRIANGLES}, &mode);
-    primitive->mode = (enum mode)mode;
+    enum bvhd_status status =
+        gltf_integer(file, &primitive->value, "mode",
+                     (struct gltf_range){GLTF_POINTS, GLTF_TRIANGLE_FAN, false, GLTF_TRIANGLE_LIST}, &mode);
+    primitive->mode = (enum gltf_mode)mode;
     if (!status)
         status = open_accessors(primitive, &has_positions);
     if (status)
@@ -188,12 +220,17 @@ static enum bvhd_status read_geometry(struct primitive *primitive)
         primitive->mesh->counts.positionless++;
         return leave_out(primitive);
     }
-    if (primitive->mode < TRIANGLES) {
-        count_others(&primitive->mesh->counts, primitive->mode, primitive->corners);
+    enum import_shape shape = primitive->mode == GLTF_POINTS         ? IMPORT_POINTS
+                              : primitive->mode < GLTF_TRIANGLE_LIST ? IMPORT_LINES
+                                                                     : IMPORT_TRIANGLES;
+    if (shape != IMPORT_TRIANGLES && !(import_round_radius(primitive->wish, shape) > 0)) {
+        count_round(primitive, shape);
         return leave_out(primitive);
     }
     status = read_positions(primitive);
-    return status ? status : read_triangles(primitive);
+    if (status)
+        return status;
+    return shape == IMPORT_TRIANGLES ? read_triangles(primitive) : read_round(primitive, shape);
 }
 
 /* Names the meshes of one with several primitives "NAME-0" and so on, and those of one without a name "meshes[3]". */
@@ -213,9 +250,10 @@ static char *make_name(const struct gltf_file *file, const struct gltf_value *me
     return text;
 }
 
-static enum bvhd_status read_primitive(struct gltf_file *file, const struct gltf_value *value, struct import_mesh *mesh)
+static enum bvhd_status read_primitive(struct gltf_file *file, const struct gltf_value *value,
+                                       const struct import_wish *wish, struct import_mesh *mesh)
 {
-    struct primitive primitive = {.file = file, .value = *value, .mesh = mesh};
+    struct primitive primitive = {.file = file, .value = *value, .wish = wish, .mesh = mesh};
     struct gltf_value targets;
     if (!cJSON_IsObject(value->json))
         return gltf_refuse(file, BVHD_INVALID, value, "not an object");
@@ -227,7 +265,8 @@ static enum bvhd_status read_primitive(struct gltf_file *file, const struct gltf
     return status ? status : read_geometry(&primitive);
 }
 
-enum bvhd_status gltf_mesh_read(struct gltf_file *file, uint32_t index, struct import_mesh *ret_meshes)
+enum bvhd_status gltf_mesh_read(struct gltf_file *file, uint32_t index, const struct import_wish *wish,
+                                struct import_mesh *ret_meshes)
 {
     struct gltf_value mesh = gltf_item(file, GLTF_MESHES, index), primitives;
     uint32_t count, i = 0;
@@ -239,7 +278,7 @@ enum bvhd_status gltf_mesh_read(struct gltf_file *file, uint32_t index, struct i
     for (const cJSON *item = primitives.json->child; item && !status; item = item->next, i++) {
         struct gltf_value value = gltf_element(&primitives, item, i);
         ret_meshes[i].name = make_name(file, &mesh, index, i, count);
-        status = ret_meshes[i].name ? read_primitive(file, &value, &ret_meshes[i]) : gltf_no_memory(file);
+        status = ret_meshes[i].name ? read_primitive(file, &value, wish, &ret_meshes[i]) : gltf_no_memory(file);
     }
     return status;
 }

@@ -14,6 +14,7 @@
 #include "client/bvhctl/scene/import_files.h"
 #include "client/bvhctl/scene/import_limits.h"
 #include "client/bvhctl/scene/import_nodes.h"
+#include "client/bvhctl/scene/import_round.h"
 
 /* The text is the same for every allocation, because all of them are for the scene as a whole. */
 static enum bvhd_status no_memory(const char *path, struct bvhd_error *error)
@@ -48,27 +49,28 @@ static uint64_t count_triangles(const struct aiMesh *source)
 }
 
 /* `wanted` is the number of triangles before the polygons were cut. */
-static void count_faces(const struct aiMesh *source, uint64_t wanted, struct import_mesh *mesh)
+static void count_faces(const struct aiMesh *source, const struct import_wish *wish, uint64_t wanted,
+                        struct import_mesh *mesh)
 {
     struct import_counts *counts = &mesh->counts;
     for (unsigned i = 0; i < source->mNumFaces; i++) {
         unsigned corners = source->mFaces[i].mNumIndices;
         counts->empty_faces += corners == 0;
-        counts->points += corners == 1;
-        counts->lines += corners == 2;
-        mesh->triangle_count += corners == 3;
+        counts->points += corners == 1 && !(wish->point_radius > 0);
+        counts->lines += corners == 2 && !(wish->line_radius > 0);
     }
     counts->skins += source->mNumBones > 0;
     counts->morphs += source->mNumAnimMeshes;
-    counts->lost += wanted > mesh->triangle_count ? wanted - mesh->triangle_count : 0;
+    counts->lost += wanted > mesh->primitive_count ? wanted - mesh->primitive_count : 0;
 }
 
+/* Copies the faces that have as many corners as the primitives of the mesh. */
 static bool copy_faces(const struct aiMesh *source, struct import_mesh *mesh)
 {
-    uint32_t *out = mesh->indices;
+    uint32_t corners = import_shape_kinds[mesh->shape].corners, *out = mesh->indices;
     for (unsigned i = 0; i < source->mNumFaces; i++) {
         const struct aiFace *face = &source->mFaces[i];
-        for (unsigned k = 0; k < 3 && face->mNumIndices == 3; k++) {
+        for (unsigned k = 0; k < corners && face->mNumIndices == corners; k++) {
             if (face->mIndices[k] >= mesh->vertex_count)
                 return false;
             *out++ = face->mIndices[k];
@@ -101,76 +103,139 @@ static void copy_colour(const struct aiMaterial *material, struct import_mesh *m
         mesh->colour[i] = channels[i] >= 0 && channels[i] <= 1 ? channels[i] : channels[i] > 1 ? 1.0f : 0.0f;
 }
 
-static enum bvhd_status copy_mesh(const struct aiScene *scene, const struct aiMesh *source, uint64_t wanted,
-                                  const char *path, struct import *import, struct import_mesh *mesh,
-                                  struct bvhd_error *error)
+/* What is copied from assimp. */
+struct copy {
+    const struct aiScene *scene;
+    const struct import_wish *wish;
+    const uint64_t *wanted; /* of each mesh, the number of triangles before the polygons were cut */
+    struct import_meshes_of *meshes_of; /* of each mesh */
+    const char *path;
+    struct import *import;
+    struct bvhd_error *error;
+};
+
+static uint32_t count_shape(const struct aiMesh *source, enum import_shape shape)
+{
+    uint32_t count = 0;
+    for (unsigned i = 0; i < source->mNumFaces; i++)
+        count += source->mFaces[i].mNumIndices == import_shape_kinds[shape].corners;
+    return count;
+}
+
+/* Copies the primitives of one shape of a mesh. Names and colours are those of the mesh. */
+static enum bvhd_status copy_mesh(const struct copy *copy, const struct aiMesh *source, struct import_mesh *mesh)
 {
     struct aiString name = {0};
+    struct memory *memory = copy->import->memory;
     const struct aiMaterial *material =
-        source->mMaterialIndex < scene->mNumMaterials ? scene->mMaterials[source->mMaterialIndex] : NULL;
+        source->mMaterialIndex < copy->scene->mNumMaterials ? copy->scene->mMaterials[source->mMaterialIndex] : NULL;
     if (material)
         aiGetMaterialString(material, AI_MATKEY_NAME, &name);
-    count_faces(source, wanted, mesh);
-    import_counts_add_mesh(&import->counts, &mesh->counts);
+    mesh->primitive_count = count_shape(source, mesh->shape);
     mesh->vertex_count = source->mVertices ? source->mNumVertices : 0;
-    mesh->name = copy_name(import->memory, &source->mName);
-    mesh->material = copy_name(import->memory, &name);
+    mesh->name = copy_name(memory, &source->mName);
+    mesh->material = copy_name(memory, &name);
     /* There is room for one element more, so that arrays of a mesh without triangles are not NULL. */
-    mesh->positions = memory_array(import->memory, (uint64_t)mesh->vertex_count + 1, 3 * sizeof *mesh->positions);
-    mesh->indices = memory_array(import->memory, (uint64_t)mesh->triangle_count + 1, 3 * sizeof *mesh->indices);
+    mesh->positions = memory_array(memory, (uint64_t)mesh->vertex_count + 1, 3 * sizeof *mesh->positions);
+    mesh->indices = memory_array(memory, (uint64_t)mesh->primitive_count + 1, 3 * sizeof *mesh->indices);
     if (!mesh->name || !mesh->material || !mesh->positions || !mesh->indices)
-        return no_memory(path, error);
+        return no_memory(copy->path, copy->error);
     if (material)
         copy_colour(material, mesh);
     if (!copy_faces(source, mesh))
-        return bvhd_error_set(error, BVHD_INVALID, path, "mesh '%s' has an index beyond its vertices", mesh->name);
+        return bvhd_error_set(copy->error, BVHD_INVALID, copy->path, "mesh '%s' has an index beyond its vertices",
+                              mesh->name);
     if (mesh->vertex_count)
         copy_positions(source, mesh);
-    import->triangle_count += mesh->triangle_count;
     return BVHD_OK;
 }
 
-static enum bvhd_status copy_meshes(const struct aiScene *scene, const uint64_t *wanted, const char *path,
-                                    struct import *import, struct bvhd_error *error)
+/* Copies the points or lines of a mesh, all of one radius: assimp knows no other. */
+static enum bvhd_status copy_round(const struct copy *copy, const struct aiMesh *source, struct import_mesh *mesh)
 {
-    if (scene->mNumMeshes == 0)
+    float radius = import_round_radius(copy->wish, mesh->shape);
+    enum bvhd_status status = copy_mesh(copy, source, mesh);
+    if (status)
+        return status;
+    mesh->radii = memory_array(copy->import->memory, (uint64_t)mesh->vertex_count + 1, sizeof *mesh->radii);
+    for (uint32_t i = 0; i < mesh->vertex_count && mesh->radii; i++)
+        mesh->radii[i] = radius;
+    bool ok = mesh->radii && import_round_order(mesh, copy->import->memory);
+    return ok ? BVHD_OK : no_memory(copy->path, copy->error);
+}
+
+/* Numbers the meshes: those of triangles as in the scene, then those of points and of lines that are not empty. */
+static uint64_t number_meshes(const struct copy *copy)
+{
+    uint64_t count = copy->scene->mNumMeshes;
+    for (unsigned i = 0; i < copy->scene->mNumMeshes; i++) {
+        copy->meshes_of[i].shapes[IMPORT_TRIANGLES] = i;
+        for (enum import_shape shape = IMPORT_POINTS; shape < IMPORT_SHAPES; shape++) {
+            bool is_there = import_round_radius(copy->wish, shape) > 0 && count_shape(copy->scene->mMeshes[i], shape);
+            copy->meshes_of[i].shapes[shape] = is_there && count < IMPORT_NO_MESH ? (uint32_t)count++ : IMPORT_NO_MESH;
+        }
+    }
+    return count;
+}
+
+static enum bvhd_status copy_meshes(const struct copy *copy)
+{
+    struct import *import = copy->import;
+    uint64_t count = number_meshes(copy);
+    if (count == 0)
         return BVHD_OK;
-    import->meshes = memory_array(import->memory, scene->mNumMeshes, sizeof *import->meshes);
+    import->meshes = memory_array(import->memory, count, sizeof *import->meshes);
     if (!import->meshes)
-        return no_memory(path, error);
-    memset(import->meshes, 0, scene->mNumMeshes * sizeof *import->meshes);
-    import->mesh_count = scene->mNumMeshes;
-    for (uint32_t i = 0; i < import->mesh_count; i++) {
-        enum bvhd_status status =
-            copy_mesh(scene, scene->mMeshes[i], wanted[i], path, import, &import->meshes[i], error);
+        return no_memory(copy->path, copy->error);
+    memset(import->meshes, 0, count * sizeof *import->meshes);
+    import->mesh_count = (uint32_t)count;
+    for (unsigned i = 0; i < copy->scene->mNumMeshes; i++) {
+        const struct aiMesh *source = copy->scene->mMeshes[i];
+        enum bvhd_status status = copy_mesh(copy, source, &import->meshes[i]);
+        count_faces(source, copy->wish, copy->wanted[i], &import->meshes[i]);
+        import_counts_add_mesh(&import->counts, &import->meshes[i].counts);
+        for (enum import_shape shape = IMPORT_POINTS; shape < IMPORT_SHAPES && !status; shape++) {
+            uint32_t mesh = copy->meshes_of[i].shapes[shape];
+            if (mesh == IMPORT_NO_MESH)
+                continue;
+            import->meshes[mesh].shape = shape;
+            status = copy_round(copy, source, &import->meshes[mesh]);
+        }
         if (status)
             return status;
     }
+    import_round_count(import);
     return BVHD_OK;
 }
 
-static enum bvhd_status copy_scene(const struct aiScene *scene, const uint64_t *wanted, const char *path,
-                                   struct import *import, struct bvhd_error *error)
+static enum bvhd_status no_triangles(const struct copy *copy)
 {
-    const struct import_counts *counts = &import->counts;
-    enum bvhd_status status = copy_meshes(scene, wanted, path, import, error);
+    const struct import_counts *counts = &copy->import->counts;
+    if (counts->points || counts->lines || counts->lost)
+        return bvhd_error_set(copy->error, BVHD_INVALID, copy->path,
+                              "no triangles in it, only %llu points, %llu lines and %llu triangles of broken "
+                              "polygons%s",
+                              (unsigned long long)counts->points, (unsigned long long)counts->lines,
+                              (unsigned long long)counts->lost, import_round_hint(counts));
+    return bvhd_error_set(copy->error, BVHD_INVALID, copy->path, "no triangles in it");
+}
+
+static enum bvhd_status copy_scene(const struct copy *copy)
+{
+    struct import *import = copy->import;
+    enum bvhd_status status = copy_meshes(copy);
     if (status)
         return status;
-    if (import->triangle_count == 0 && (counts->points || counts->lines || counts->lost))
-        return bvhd_error_set(error, BVHD_INVALID, path,
-                              "no triangles in it, only %llu points, %llu lines and %llu triangles of broken polygons",
-                              (unsigned long long)counts->points, (unsigned long long)counts->lines,
-                              (unsigned long long)counts->lost);
-    if (import->triangle_count == 0)
-        return bvhd_error_set(error, BVHD_INVALID, path, "no triangles in it");
-    import->counts.animations = scene->mNumAnimations;
-    status = import_nodes(scene, import);
+    if (!import_round_any(import))
+        return no_triangles(copy);
+    import->counts.animations = copy->scene->mNumAnimations;
+    status = import_nodes(copy->scene, copy->meshes_of, import);
     if (status == BVHD_UNSUPPORTED)
-        return bvhd_error_set(error, status, path, "assimp made a node with a mesh that is not there");
+        return bvhd_error_set(copy->error, status, copy->path, "assimp made a node with a mesh that is not there");
     if (status)
-        return no_memory(path, error);
+        return no_memory(copy->path, copy->error);
     if (import->instance_count == 0)
-        return bvhd_error_set(error, BVHD_INVALID, path, "no node has triangles");
+        return bvhd_error_set(copy->error, BVHD_INVALID, copy->path, "no node has triangles");
     return BVHD_OK;
 }
 
@@ -202,26 +267,27 @@ static const struct aiScene *read_polygons(const char *path, struct import_files
     return scene;
 }
 
-static enum bvhd_status read_by_assimp(const char *path, const struct import_wish *ignored, struct import_files *files,
+static enum bvhd_status read_by_assimp(const char *path, const struct import_wish *wish, struct import_files *files,
                                        struct import *import, struct bvhd_error *error)
 {
-    (void)ignored;
     const struct aiScene *scene = read_polygons(path, files);
     if (!scene || !scene->mRootNode) {
         enum bvhd_status status = refused(path, error);
         aiReleaseImport(scene);
         return status;
     }
-    uint64_t *wanted = memory_array(import->memory, (uint64_t)scene->mNumMeshes + 1, sizeof *wanted);
+    uint64_t count = (uint64_t)scene->mNumMeshes + 1, *wanted = memory_array(import->memory, count, sizeof *wanted);
+    struct import_meshes_of *meshes_of = memory_array(import->memory, count, sizeof *meshes_of);
     for (unsigned i = 0; i < scene->mNumMeshes && wanted; i++)
         wanted[i] = count_triangles(scene->mMeshes[i]);
     enum bvhd_status status = BVHD_OK;
-    if (!wanted)
+    if (!wanted || !meshes_of)
         status = no_memory(path, error);
     else if (!(scene = aiApplyPostProcessing(scene, aiProcess_Triangulate)))
         status = refused(path, error);
     if (!status)
-        status = copy_scene(scene, wanted, path, import, error);
+        status = copy_scene(&(struct copy){scene, wish, wanted, meshes_of, path, import, error});
+    memory_free(import->memory, meshes_of);
     memory_free(import->memory, wanted);
     aiReleaseImport(scene);
     return status;
@@ -259,7 +325,11 @@ static enum bvhd_status read_by(const char *path, const struct import_wish *wish
                                                          struct import_files *, struct import *, struct bvhd_error *),
                                 struct import *ret_import, struct bvhd_error *error)
 {
-    struct import import = {.memory = memory, .name = import_name(path, memory), .wants_looks = wish->wants_looks};
+    struct import import = {.memory = memory,
+                            .name = import_name(path, memory),
+                            .wants_looks = wish->wants_looks,
+                            .point_radius = wish->point_radius,
+                            .line_radius = wish->line_radius};
     if (!import.name)
         return no_memory(path, error);
     struct import_files files;
@@ -307,6 +377,8 @@ static void finish_meshes(struct import *import)
         memory_free(import->memory, import->meshes[i].material);
         memory_free(import->memory, import->meshes[i].positions);
         memory_free(import->memory, import->meshes[i].indices);
+        memory_free(import->memory, import->meshes[i].radii);
+        memory_free(import->memory, import->meshes[i].caps);
         import_look_finish(&import->meshes[i].look, import->memory);
     }
     memory_free(import->memory, import->meshes);
@@ -346,9 +418,12 @@ static struct oracle_mesh *add_oracle_meshes(const struct import *import, uint32
     const struct import_bottom *bottom = &import->bottoms[bottom_index];
     for (uint32_t i = 0; i < bottom->mesh_count; i++) {
         const struct import_mesh *mesh = &import->meshes[bottom->meshes[i]];
-        *next++ = (struct oracle_mesh){.positions = mesh->positions,
+        *next++ = (struct oracle_mesh){.shape = import_shape_kinds[mesh->shape].oracle,
+                                       .positions = mesh->positions,
                                        .indices = mesh->indices,
-                                       .primitive_count = mesh->triangle_count,
+                                       .radii = mesh->radii,
+                                       .caps = mesh->caps,
+                                       .primitive_count = mesh->primitive_count,
                                        .transform = transform,
                                        .instance = instance,
                                        .geometry = i};

@@ -6,7 +6,9 @@
  * Faces are triangulated. Axes and units stay, nothing is dropped, and NaN and degenerate triangles survive. Vertices
  * of what assimp reads are welded (weld.h); those of PLY and glTF stay as they are. What is left out is counted
  * (import_counts.h). There is one bottom level for each distinct list of meshes that some node has, with one geometry
- * for each mesh. Nodes with meshes become instances, in depth-first order.
+ * for each mesh. If some of these meshes are of points or lines, there is one for each shape, because Vulkan wants
+ * geometries of one type in a bottom level. Nodes with meshes become instances, in depth-first order, one for each of
+ * these bottom levels.
  */
 #ifndef BVHCTL_IMPORT_H
 #define BVHCTL_IMPORT_H
@@ -18,20 +20,32 @@
 #include "client/bvhctl/scene/import_names.h"
 #include "proto/base/status.h"
 
+/* What the primitives of a mesh are. Points become spheres, and lines become linear swept spheres. */
+enum import_shape { IMPORT_TRIANGLES, IMPORT_POINTS, IMPORT_LINES, IMPORT_SHAPES };
+
+enum { IMPORT_CAP_FIRST = 1, IMPORT_CAP_SECOND = 2 };
+
 struct import_mesh {
     char *name, *material; /* may be "" */
+    enum import_shape shape;
     bool has_colour;
     float colour[3]; /* the base colour of the material, linear, 0 to 1 */
     float *positions; /* xyz each; never NULL */
-    uint32_t *indices; /* three a triangle, each < vertex_count; never NULL */
-    uint32_t vertex_count, triangle_count;
+    float *radii; /* of points and lines: one for each vertex, finite and not negative; else NULL */
+    uint8_t *caps; /* of lines: the ends of each that have a cap, IMPORT_CAP_; else NULL */
+    /*
+     * three a triangle, two a line, one a point; each < vertex_count; never NULL. Point i is vertex i, and a line is
+     * from a vertex to the next one, as import_round.h has ordered them
+     */
+    uint32_t *indices;
+    uint32_t vertex_count, primitive_count;
     struct import_look look; /* all zero, unless it was asked for */
     struct import_counts counts; /* of its faces, bones and morph targets */
 };
 
 struct import_bottom {
     char *name; /* that of its mesh if it has only one, else that of the first node that has it; may be "" */
-    uint32_t *meshes;
+    uint32_t *meshes; /* all of one shape */
     uint32_t mesh_count;
 };
 
@@ -58,7 +72,7 @@ struct import {
     char **files; /* all files that were read, in order */
     uint32_t mesh_count, bottom_count, instance_count, file_count;
     uint64_t skipped_instances;
-    uint64_t triangle_count; /* over all meshes */
+    uint64_t triangle_count, point_count, line_count; /* over all meshes; points and lines that are read */
     struct import_counts counts; /* those of all meshes, and those of the file */
     bool wants_looks; /* the looks of meshes and the images are read, too: */
     struct import_image *images;
@@ -72,6 +86,7 @@ struct import {
     double time; /* in seconds */
     bool has_animation; /* the file has one: */
     uint32_t animation; /* its number, from 0 */
+    float point_radius, line_radius; /* those of the wish */
     bool has_second_reader; /* import_scene_by_assimp reads the same of this file, if neither reader is wrong */
     void *block; /* everything else points into this one block from memory; NULL: each array is a block of its own */
     enum import_reader reader;
@@ -94,11 +109,16 @@ struct import_wish {
      */
     const struct import_moment *moment;
     bool wants_looks; /* what meshes look like is read, too; only the reader of glTF does it */
+    /*
+     * 0: points, or lines, are left out, and counted. Otherwise they are read, and this is the radius of those for
+     * which the file has none; it is finite and positive
+     */
+    float point_radius, line_radius;
 };
 
 /*
  * Reads a scene file, which is hostile. BVHD_NOT_FOUND: there is no such file, or no such scene in it;
- * BVHD_UNSUPPORTED: no reader reads it; BVHD_INVALID: it breaks a rule of its format, or has no triangles. End with
+ * BVHD_UNSUPPORTED: no reader reads it; BVHD_INVALID: it breaks a rule of its format, or has nothing to build. End with
  * import_finish.
  *
  * `scene` chooses one of the scenes of a glTF file, by name or else by number from 0. NULL takes all; files of other
@@ -142,7 +162,7 @@ enum bvhd_status import_read_as(const char *path, const struct import_wish *wish
 enum bvhd_status import_read_with_looks(const char *path, const char *scene, struct memory *memory,
                                         struct import *ret_import, struct bvhd_error *error);
 
-/* Does the same as import_scene_by_assimp in this process. The wish is ignored. */
+/* Does the same as import_scene_by_assimp in this process. Of the wish, only the radii count. */
 enum bvhd_status import_read_by_assimp(const char *path, const struct import_wish *wish, struct memory *memory,
                                        struct import *ret_import, struct bvhd_error *error);
 

@@ -23,8 +23,10 @@ static void measure_bottom(const struct import *import, const struct import_bott
     *ret_extent = nothing;
     for (uint32_t k = 0; k < bottom->mesh_count; k++) {
         const struct import_mesh *mesh = &import->meshes[bottom->meshes[k]];
-        ret_extent->triangles += mesh->triangle_count;
-        for (uint64_t i = 0; i < UINT64_C(3) * mesh->triangle_count; i++) {
+        if (mesh->shape != IMPORT_TRIANGLES)
+            continue; /* the second reader leaves them out */
+        ret_extent->triangles += mesh->primitive_count;
+        for (uint64_t i = 0; i < UINT64_C(3) * mesh->primitive_count; i++) {
             const float *at = mesh->positions + 3 * (size_t)mesh->indices[i];
             extend(ret_extent, (const double[3]){at[0], at[1], at[2]});
         }

@@ -14,7 +14,7 @@ struct import_counts {
     uint64_t skins, morphs; /* meshes with bones, morph targets */
     uint64_t animations; /* the scene is built as it is without them */
     uint64_t channels; /* of the animation that is read, for properties that only extensions know */
-    uint64_t incomplete; /* lists, strips and fans of triangles whose last corners make no triangle */
+    uint64_t incomplete; /* lists, strips and fans whose last corners make no triangle, or no line */
     uint64_t positionless; /* primitives without positions */
     uint64_t meshes; /* that no node has */
     uint64_t nodes; /* with a mesh, but in no scene */
@@ -36,6 +36,7 @@ enum { IMPORT_COUNT_KINDS = 20 };
 struct import_count_kind {
     const char *name; /* of the member of struct import_counts */
     const char *one, *many; /* follows the number in a message: 1, or more */
+    const char *option; /* of bvhctl build, by which it is read; NULL: there is none */
 };
 
 extern const struct import_count_kind import_count_kinds[IMPORT_COUNT_KINDS];

@@ -3,6 +3,8 @@
 
 #include <string.h>
 
+#include "client/bvhctl/scene/import_round.h"
+
 static uint64_t mix(uint64_t hash, uint64_t word)
 {
     hash = (hash ^ word) * 0x9e3779b97f4a7c15u;
@@ -33,8 +35,9 @@ static uint64_t mix_mesh(uint64_t hash, const struct import_mesh *mesh)
 {
     hash = mix_text(mix_text(hash, mesh->name), mesh->material);
     hash = mix_bytes(hash, mesh->colour, mesh->has_colour ? sizeof mesh->colour : 0);
-    hash = mix_bytes(hash, mesh->positions, mesh->vertex_count * UINT64_C(12));
-    return mix_bytes(hash, mesh->indices, mesh->triangle_count * UINT64_C(12));
+    hash = mix_bytes(mix(hash, mesh->shape), mesh->positions, mesh->vertex_count * UINT64_C(12));
+    hash = mix_bytes(hash, mesh->radii, mesh->radii ? mesh->vertex_count * UINT64_C(4) : 0);
+    return mix_bytes(hash, mesh->indices, import_corner_count(mesh) * 4);
 }
 
 uint64_t import_hash(const struct import *import)

@@ -14,7 +14,11 @@ struct visit {
 };
 
 struct node_walk {
-    bool *is_reached; /* for each mesh: a node has it */
+    const struct import_meshes_of *meshes_of; /* of each mesh of the scene */
+    uint32_t scene_mesh_count;
+    bool *is_reached; /* for each mesh of the scene: a node has it */
+    uint32_t *list; /* the meshes of a node that are of one shape */
+    uint64_t list_capacity;
     bool is_broken; /* a node has a mesh that is not there, which assimp never returns if it is right */
     struct visit *stack;
     uint64_t depth, capacity;
@@ -61,7 +65,7 @@ static void multiply(const double a[12], const struct aiMatrix4x4 *b, double ret
         }
 }
 
-static uint64_t hash_list(const unsigned *list, uint32_t count)
+static uint64_t hash_list(const uint32_t *list, uint32_t count)
 {
     uint64_t hash = 0xcbf29ce484222325u + count;
     for (uint32_t i = 0; i < count; i++)
@@ -69,13 +73,13 @@ static uint64_t hash_list(const unsigned *list, uint32_t count)
     return hash ^ hash >> 29;
 }
 
-static bool same_list(const struct import_bottom *bottom, const unsigned *list, uint32_t count)
+static bool same_list(const struct import_bottom *bottom, const uint32_t *list, uint32_t count)
 {
     return bottom->mesh_count == count && !memcmp(bottom->meshes, list, count * sizeof *list);
 }
 
 /* Returns the slot that has this list of meshes, or the empty slot for it. */
-static uint32_t *find_slot(const struct node_walk *walk, const struct import *import, const unsigned *list,
+static uint32_t *find_slot(const struct node_walk *walk, const struct import *import, const uint32_t *list,
                            uint32_t count)
 {
     for (uint64_t at = hash_list(list, count);; at++) {
@@ -108,20 +112,20 @@ static const char *name_of(const struct aiNode *node)
     return node->mName.length < sizeof node->mName.data ? node->mName.data : "";
 }
 
-static bool add_bottom(struct node_walk *walk, struct import *import, const struct aiNode *node)
+static bool add_bottom(struct node_walk *walk, struct import *import, const struct aiNode *node, uint32_t count)
 {
     void *bottoms = import->bottoms;
     if (!grow(import->memory, &bottoms, import->bottom_count, &walk->bottom_capacity, sizeof *import->bottoms))
         return false;
     import->bottoms = bottoms;
     struct import_bottom *bottom = &import->bottoms[import->bottom_count++];
-    *bottom = (struct import_bottom){.mesh_count = node->mNumMeshes};
-    const char *mesh_name = import->meshes[node->mMeshes[0]].name;
+    *bottom = (struct import_bottom){.mesh_count = count};
+    const char *mesh_name = import->meshes[walk->list[0]].name;
     bottom->name = files_copy_text(import->memory, bottom->mesh_count == 1 && *mesh_name ? mesh_name : name_of(node));
     bottom->meshes = memory_array(import->memory, bottom->mesh_count, sizeof *bottom->meshes);
     if (!bottom->name || !bottom->meshes)
         return false;
-    memcpy(bottom->meshes, node->mMeshes, bottom->mesh_count * sizeof *bottom->meshes);
+    memcpy(bottom->meshes, walk->list, bottom->mesh_count * sizeof *bottom->meshes);
     return true;
 }
 
@@ -137,18 +141,19 @@ static bool is_usable(const float matrix[12])
     return validate_invertible(matrix);
 }
 
-static bool add_instance(struct node_walk *walk, struct import *import, const struct aiNode *node,
+/* Adds an instance of the bottom level of the `count` meshes of walk->list. */
+static bool add_instance(struct node_walk *walk, struct import *import, const struct aiNode *node, uint32_t count,
                          const double world[12])
 {
     void *instances = import->instances;
     if (!grow(import->memory, &instances, import->instance_count, &walk->instance_capacity, sizeof *import->instances))
         return false;
     import->instances = instances;
-    uint32_t *slot = find_slot(walk, import, node->mMeshes, node->mNumMeshes);
+    uint32_t *slot = find_slot(walk, import, walk->list, count);
     uint32_t bottom = *slot ? *slot - 1 : import->bottom_count;
     if (*slot == 0) {
         *slot = bottom + 1;
-        if (!add_bottom(walk, import, node) || !grow_slots(walk, import))
+        if (!add_bottom(walk, import, node, count) || !grow_slots(walk, import))
             return false;
     }
     struct import_instance *instance = &import->instances[import->instance_count];
@@ -163,18 +168,53 @@ static bool add_instance(struct node_walk *walk, struct import *import, const st
     return true;
 }
 
-/* Nodes with only points and lines are left out, because they would become a bottom level without a triangle. */
-static bool has_triangles(struct node_walk *walk, const struct import *import, const struct aiNode *node)
+/* Marks the meshes of a node. Returns false if one is not there. */
+static bool reach_meshes(struct node_walk *walk, const struct aiNode *node)
 {
-    uint64_t triangles = 0;
     for (unsigned i = 0; i < node->mNumMeshes; i++) {
-        walk->is_broken |= node->mMeshes[i] >= import->mesh_count;
+        walk->is_broken |= node->mMeshes[i] >= walk->scene_mesh_count;
         if (walk->is_broken)
             return false;
         walk->is_reached[node->mMeshes[i]] = true;
-        triangles += import->meshes[node->mMeshes[i]].triangle_count;
     }
-    return triangles > 0;
+    return true;
+}
+
+/*
+ * Lists the meshes of a node that are of one shape. Returns their number, or 0 if they have no primitive: they would
+ * become an empty bottom level.
+ */
+static uint32_t list_meshes(struct node_walk *walk, const struct import *import, const struct aiNode *node, int shape)
+{
+    uint64_t primitives = 0;
+    uint32_t count = 0;
+    for (unsigned i = 0; i < node->mNumMeshes; i++) {
+        uint32_t mesh = walk->meshes_of[node->mMeshes[i]].shapes[shape];
+        if (mesh == IMPORT_NO_MESH)
+            continue;
+        walk->list[count++] = mesh;
+        primitives += import->meshes[mesh].primitive_count;
+    }
+    return primitives ? count : 0;
+}
+
+/* Adds an instance for each shape that the meshes of a node have. */
+static bool add_node(struct node_walk *walk, struct import *import, const struct aiNode *node, const double world[12])
+{
+    void *list = walk->list;
+    if (!reach_meshes(walk, node))
+        return true;
+    while (walk->list_capacity < node->mNumMeshes) {
+        if (!grow(import->memory, &list, walk->list_capacity, &walk->list_capacity, sizeof *walk->list))
+            return false;
+        walk->list = list;
+    }
+    for (int shape = 0; shape < IMPORT_SHAPES; shape++) {
+        uint32_t count = list_meshes(walk, import, node, shape);
+        if (count && !add_instance(walk, import, node, count, world))
+            return false;
+    }
+    return true;
 }
 
 static bool visit_next(struct node_walk *walk, struct import *import)
@@ -182,7 +222,7 @@ static bool visit_next(struct node_walk *walk, struct import *import)
     struct visit visit = walk->stack[--walk->depth];
     double world[12];
     multiply(visit.parent, &visit.node->mTransformation, world);
-    if (has_triangles(walk, import, visit.node) && !add_instance(walk, import, visit.node, world))
+    if (!add_node(walk, import, visit.node, world))
         return false;
     for (unsigned i = visit.node->mNumChildren; i-- > 0;) /* the first child is on top */
         if (!push(walk, import->memory, visit.node->mChildren[i], world))
@@ -190,19 +230,24 @@ static bool visit_next(struct node_walk *walk, struct import *import)
     return true;
 }
 
-enum bvhd_status import_nodes(const struct aiScene *scene, struct import *import)
+enum bvhd_status import_nodes(const struct aiScene *scene, const struct import_meshes_of *meshes_of,
+                              struct import *import)
 {
     static const double identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
-    struct node_walk walk = {.is_reached = memory_array(import->memory, import->mesh_count, sizeof *walk.is_reached)};
+    uint32_t mesh_count = scene->mNumMeshes;
+    struct node_walk walk = {.meshes_of = meshes_of,
+                             .scene_mesh_count = mesh_count,
+                             .is_reached = memory_array(import->memory, mesh_count, sizeof *walk.is_reached)};
     if (walk.is_reached)
-        memset(walk.is_reached, 0, import->mesh_count * sizeof *walk.is_reached);
+        memset(walk.is_reached, 0, mesh_count * sizeof *walk.is_reached);
     bool ok = walk.is_reached && grow_slots(&walk, import) && push(&walk, import->memory, scene->mRootNode, identity);
     while (ok && walk.depth && !walk.is_broken)
         ok = visit_next(&walk, import);
-    for (uint32_t i = 0; ok && i < import->mesh_count; i++)
+    for (uint32_t i = 0; ok && i < mesh_count; i++)
         import->counts.meshes += !walk.is_reached[i];
     memory_free(import->memory, walk.stack);
     memory_free(import->memory, walk.slots);
+    memory_free(import->memory, walk.list);
     memory_free(import->memory, walk.is_reached);
     return !ok ? BVHD_NO_MEMORY : walk.is_broken ? BVHD_UNSUPPORTED : BVHD_OK;
 }

@@ -24,6 +24,7 @@
 #include "client/bvhctl/scene/import.h"
 #include "client/bvhctl/scene/import_hash.h"
 #include "client/bvhctl/scene/import_limits.h"
+#include "client/bvhctl/scene/import_round.h"
 #include "client/bvhctl/scene/ply.h"
 #include "client/bvhctl/scene/weld.h"
 
@@ -101,7 +102,11 @@ static void put_import(struct file_writer *writer, const struct import *import)
         put_text(writer, mesh->name);
         put_text(writer, mesh->material);
         put_array(writer, mesh->positions, mesh->vertex_count * UINT64_C(12));
-        put_array(writer, mesh->indices, mesh->triangle_count * UINT64_C(12));
+        put_array(writer, mesh->indices, import_corner_count(mesh) * 4);
+        if (mesh->radii)
+            put_array(writer, mesh->radii, mesh->vertex_count * UINT64_C(4));
+        if (mesh->caps)
+            put_array(writer, mesh->caps, mesh->primitive_count);
         put_look(writer, mesh);
     }
     put_array(writer, import->images, import->image_count * sizeof *import->images);
@@ -245,7 +250,11 @@ static void take_meshes(struct file_cursor *cursor, struct import *import)
         mesh->name = take_text(cursor);
         mesh->material = take_text(cursor);
         mesh->positions = take_array(cursor, mesh->vertex_count * UINT64_C(12));
-        mesh->indices = take_array(cursor, mesh->triangle_count * UINT64_C(12));
+        mesh->indices = take_array(cursor, import_corner_count(mesh) * 4);
+        if (mesh->radii)
+            mesh->radii = take_array(cursor, mesh->vertex_count * UINT64_C(4));
+        if (mesh->caps)
+            mesh->caps = take_array(cursor, mesh->primitive_count);
         take_look(cursor, mesh);
     }
     import->images = take_array(cursor, import->image_count * sizeof *import->images);
@@ -475,7 +484,7 @@ enum bvhd_status import_scene_as(const char *path, const struct import_wish *wis
     struct bvhd_error ignored;
     error = error ? error : &ignored;
     if (!wish->scene && !wish->moment && ply_is_file(path))
-        return ply_import(path, memory, ret_import, error);
+        return ply_import(path, wish, memory, ret_import, error);
     bool is_gltf = gltf_is_file(path);
     const struct job job = {path, wish, is_gltf ? "the reader of glTF" : "assimp", import_read_as, memory, is_gltf};
     return import_in_children(&job, ret_import, error);

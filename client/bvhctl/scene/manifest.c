@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "client/bvhctl/scene/activity.h"
+#include "client/bvhctl/scene/import_round.h"
 
 static void write_colour(struct json *json, const float colour[3])
 {
@@ -13,6 +14,21 @@ static void write_colour(struct json *json, const float colour[3])
     for (int i = 0; i < 3; i++)
         json_number(json, NULL, round((double)colour[i] * 1e4) / 1e4);
     json_array_end(json);
+}
+
+void manifest_write_left_out_options(struct json *json, const struct import_counts *counts)
+{
+    bool any = false;
+    for (int i = 0; i < IMPORT_COUNT_KINDS; i++) {
+        if (!import_count_kinds[i].option || !import_counts_get(counts, i))
+            continue;
+        if (!any)
+            json_array(json, "left_out_options");
+        any = true;
+        json_text(json, NULL, import_count_kinds[i].option);
+    }
+    if (any)
+        json_array_end(json);
 }
 
 void manifest_write_left_out(struct json *json, const struct import_counts *counts)
@@ -50,7 +66,9 @@ static void write_geometries(struct json *json, const struct import *import, uin
         json_object(json, NULL);
         json_text(json, "name", mesh->name);
         json_text(json, "material", mesh->material);
-        json_integer(json, "primitives", mesh->triangle_count);
+        json_integer(json, "primitives", mesh->primitive_count);
+        if (mesh->shape != IMPORT_TRIANGLES)
+            json_text(json, "shape", import_shape_kinds[mesh->shape].name);
         if (mesh->has_colour)
             write_colour(json, mesh->colour);
         write_losses(json, mesh, is_active);
@@ -113,6 +131,17 @@ static void write_moment(struct json *json, const struct import *import)
     json_object_end(json);
 }
 
+/* Writes the radii with which points and lines were read. */
+static void write_radii(struct json *json, const struct import *import)
+{
+    json_object(json, "source_radii");
+    if (import->point_radius > 0)
+        json_float(json, "points", import->point_radius);
+    if (import->line_radius > 0)
+        json_float(json, "lines", import->line_radius);
+    json_object_end(json);
+}
+
 /* Writes which scene of the file was chosen, and numbers of what is left out, as far as there is anything to say. */
 static void write_source(struct json *json, const struct import *import)
 {
@@ -124,7 +153,10 @@ static void write_source(struct json *json, const struct import *import)
     }
     if (import->has_moment)
         write_moment(json, import);
+    if (import->point_radius > 0 || import->line_radius > 0)
+        write_radii(json, import);
     manifest_write_left_out(json, &import->counts);
+    manifest_write_left_out_options(json, &import->counts);
     write_meshes_left_out(json, import);
 }
 

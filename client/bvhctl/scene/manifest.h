@@ -41,6 +41,9 @@ void manifest_write_scene(struct json *json, const struct assembly *assembly, co
 /* Writes the member "left_out", with the kinds of which there is some; nothing if there is none. */
 void manifest_write_left_out(struct json *json, const struct import_counts *counts);
 
+/* Writes the member "left_out_options": the options by which some of that is read; nothing if there are none. */
+void manifest_write_left_out_options(struct json *json, const struct import_counts *counts);
+
 /* Ends a manifest, with the elements of "scenes". */
 void manifest_end(struct json *json, const struct json *scenes);
 
@@ -65,6 +68,7 @@ struct manifest_entry {
     double moment; /* in seconds */
     bool has_animation; /* the file had one: */
     uint32_t animation; /* its number, from 0 */
+    float point_radius, line_radius; /* of its points and lines that have none in its file; 0: they were left out */
     char *source_file; /* of a top level: the name of the scene's file, without its folder; NULL if it is not known */
     char **handles; /* of a top level: files, in the order of its handles */
     uint32_t handle_count;

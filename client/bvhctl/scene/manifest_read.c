@@ -122,6 +122,27 @@ static enum bvhd_status read_moment(const struct manifest_reader *reader, const 
     return BVHD_OK;
 }
 
+/* Reads a radius, 0 if there is none. */
+static enum bvhd_status read_radius(const struct manifest_reader *reader, const cJSON *radii, const char *member,
+                                    float *ret_radius)
+{
+    const cJSON *radius = cJSON_GetObjectItemCaseSensitive(radii, member);
+    if (!radius)
+        return BVHD_OK;
+    if (!cJSON_IsNumber(radius) || !isfinite((float)radius->valuedouble) || !((float)radius->valuedouble > 0))
+        return corrupt(reader, "source_radii", "a radius that is not a positive number");
+    *ret_radius = (float)radius->valuedouble;
+    return BVHD_OK;
+}
+
+static enum bvhd_status read_radii(const struct manifest_reader *reader, const cJSON *object,
+                                   struct manifest_entry *entry)
+{
+    const cJSON *radii = cJSON_GetObjectItemCaseSensitive(object, "source_radii");
+    enum bvhd_status status = read_radius(reader, radii, "points", &entry->point_radius);
+    return status ? status : read_radius(reader, radii, "lines", &entry->line_radius);
+}
+
 void manifest_wish_init(struct manifest_wish *wish, const struct manifest_entry *top)
 {
     *wish = (struct manifest_wish){.moment.time = top->moment};
@@ -130,6 +151,8 @@ void manifest_wish_init(struct manifest_wish *wish, const struct manifest_entry 
     wish->moment.animation = top->has_animation ? wish->animation : NULL;
     wish->wish.scene = top->has_source ? wish->scene : NULL;
     wish->wish.moment = top->has_moment ? &wish->moment : NULL;
+    wish->wish.point_radius = top->point_radius;
+    wish->wish.line_radius = top->line_radius;
 }
 
 static struct manifest_colour read_colour(const cJSON *geometry)
@@ -186,6 +209,8 @@ static enum bvhd_status read_entry(const struct manifest_reader *reader, const c
         status = read_source(reader, object, entry);
     if (!status)
         status = read_moment(reader, object, entry);
+    if (!status)
+        status = read_radii(reader, object, entry);
     if (status)
         return status;
     entry->bytes = read_bytes(object);

@@ -79,7 +79,11 @@ static void note_kind(const struct import *import, int kind)
     write_meshes(&list, meshes);
     numbers_close(&list);
     const struct import_count_kind *texts = &import_count_kinds[kind];
-    report_note(import->name, "%llu %s%s", (unsigned long long)count, count == 1 ? texts->one : texts->many, meshes);
+    report_note(import->name, "%llu %s%s%s%s%s", (unsigned long long)count, count == 1 ? texts->one : texts->many,
+                meshes, texts->option ? "; " : "", texts->option ? texts->option : "",
+                !texts->option ? ""
+                : count == 1   ? " RADIUS reads it"
+                               : " RADIUS reads them");
 }
 
 void notes_left_out(const struct import *import)

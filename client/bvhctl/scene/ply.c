@@ -6,7 +6,10 @@
 #include <sys/stat.h>
 
 #include "client/bvhctl/base/files.h"
+#include "client/bvhctl/scene/import_round.h"
 #include "client/bvhctl/scene/ply_faces.h"
+
+enum { RADIUS = 3, VALUES };
 
 /* A file while it is read. It is too large for the stack of a thread. */
 struct ply_file {
@@ -18,7 +21,8 @@ struct ply_file {
     const struct ply_element *vertex; /* NULL: there is none */
     struct ply_source source;
     struct ply_header header;
-    int coordinates[3]; /* which properties of the vertices they are */
+    const struct import_wish *wish;
+    int wanted[VALUES]; /* which properties of the vertices are x, y, z and the radius; -1: the file has none */
 };
 
 static FILE *open_regular(const char *path, uint64_t *ret_size)
@@ -72,67 +76,117 @@ static enum bvhd_status too_many_values(const struct ply_file *file, const struc
                           (unsigned long long)row, (unsigned long long)file->source.line);
 }
 
-/* Finds which property is which coordinate. */
-static enum bvhd_status find_coordinates(struct ply_file *file)
+static bool wants_round(const struct ply_file *file)
 {
-    static const char *const names[3] = {"x", "y", "z"};
-    for (int i = 0; i < 3; i++) {
-        file->coordinates[i] = file->vertex ? ply_element_find(file->vertex, names[i]) : -1;
-        if (file->coordinates[i] < 0 || file->vertex->properties[file->coordinates[i]].is_list)
+    return file->wish->point_radius > 0 || file->wish->line_radius > 0;
+}
+
+/* Finds which property is which coordinate, and the radius if there may be points or lines. */
+static enum bvhd_status find_values(struct ply_file *file)
+{
+    static const char *const names[VALUES] = {"x", "y", "z", "radius"};
+    for (int i = 0; i < VALUES; i++) {
+        int found = file->vertex ? ply_element_find(file->vertex, names[i]) : -1;
+        bool is_value = found >= 0 && !file->vertex->properties[found].is_list;
+        if (i != RADIUS && !is_value)
             return bvhd_error_set(file->error, BVHD_INVALID, file->path, "its vertices have no '%s'", names[i]);
+        file->wanted[i] = is_value && (i != RADIUS || wants_round(file)) ? found : -1;
     }
     return BVHD_OK;
 }
 
+/* Stores the value of vertex `row` that has number `which` among those that are wanted. */
+static void store(struct ply_file *file, uint64_t row, int which, float value)
+{
+    if (which == RADIUS)
+        file->mesh->radii[row] = value;
+    else
+        file->mesh->positions[3 * row + (uint64_t)which] = value;
+}
+
 /* Reads vertices that all have the same size in the file. */
-static enum bvhd_status read_fixed_vertices(struct ply_file *file, const int coordinates[3])
+static enum bvhd_status read_fixed_vertices(struct ply_file *file)
 {
     const struct ply_element *element = file->vertex;
-    size_t offsets[3] = {0}, size = 0;
+    size_t offsets[VALUES] = {0}, size = 0;
     for (uint32_t i = 0; i < element->property_count; i++) {
-        for (int k = 0; k < 3; k++)
-            if (coordinates[k] == (int)i)
+        for (int k = 0; k < VALUES; k++)
+            if (file->wanted[k] == (int)i)
                 offsets[k] = size;
         size += ply_type_size(element->properties[i].type);
     }
-    float *out = file->mesh->positions;
     for (uint64_t row = 0; row < element->count; row++) {
         const unsigned char *bytes = ply_source_take(&file->source, size);
         if (!bytes)
             return ply_row_failure(&file->source, element, row, file->path, file->error);
-        for (int k = 0; k < 3; k++) {
-            enum ply_type type = element->properties[coordinates[k]].type;
-            *out++ = ply_value_of(bytes + offsets[k], type, file->source.format).single;
+        for (int k = 0; k < VALUES && file->wanted[k] >= 0; k++) {
+            enum ply_type type = element->properties[file->wanted[k]].type;
+            store(file, row, k, ply_value_of(bytes + offsets[k], type, file->source.format).single);
         }
     }
     return BVHD_OK;
 }
 
-/* Reads a row of any element. Unless `coordinates` is NULL, the values of these three properties go to ret_position. */
-static enum bvhd_status read_row(struct ply_file *file, const struct ply_element *element, uint64_t row,
-                                 const int coordinates[3], float ret_position[3])
+/* Reads a row of any element. If they are vertices whose values are wanted, these are stored. */
+static enum bvhd_status read_row(struct ply_file *file, const struct ply_element *element, uint64_t row, bool is_wanted)
 {
     for (uint32_t i = 0; i < element->property_count; i++) {
         const struct ply_property *property = &element->properties[i];
         uint64_t length = 1;
-        int axis = 0;
-        while (coordinates && axis < 3 && coordinates[axis] != (int)i)
-            axis++;
+        int which = 0;
+        while (is_wanted && which < VALUES && file->wanted[which] != (int)i)
+            which++;
         enum bvhd_status status = BVHD_OK;
         if (property->is_list)
             status = ply_list_length(&file->source, element, property, row, file->path, &length, file->error);
         if (status)
             return status;
         struct ply_value value;
-        bool is_coordinate = coordinates && axis < 3;
-        bool ok = is_coordinate ? ply_source_value(&file->source, property->type, &value)
-                                : ply_source_skip_values(&file->source, property->type, length);
+        bool is_value = is_wanted && which < VALUES;
+        bool ok = is_value ? ply_source_value(&file->source, property->type, &value)
+                           : ply_source_skip_values(&file->source, property->type, length);
         if (!ok)
             return ply_row_failure(&file->source, element, row, file->path, file->error);
-        if (is_coordinate)
-            ret_position[axis] = value.single;
+        if (is_value)
+            store(file, row, which, value.single);
     }
     return ply_source_end_row(&file->source) ? BVHD_OK : too_many_values(file, element, row);
+}
+
+static void fill(float *radii, uint32_t count, float radius)
+{
+    for (uint32_t i = 0; i < count; i++)
+        radii[i] = radius;
+}
+
+/* Makes the arrays of the vertices, and if they are points, the points. */
+static bool make_arrays(struct ply_file *file)
+{
+    struct import_mesh *mesh = file->mesh;
+    uint64_t room = file->vertex->count + 1;
+    mesh->vertex_count = (uint32_t)file->vertex->count;
+    mesh->positions = memory_array(file->memory, room, 3 * sizeof *mesh->positions);
+    bool is_cloud = mesh->shape == IMPORT_POINTS, has_radii = is_cloud || file->wanted[RADIUS] >= 0;
+    mesh->radii = has_radii ? memory_array(file->memory, room, sizeof *mesh->radii) : NULL;
+    mesh->indices = is_cloud ? memory_array(file->memory, room, sizeof *mesh->indices) : NULL;
+    if (!mesh->positions || (has_radii && !mesh->radii) || (is_cloud && !mesh->indices))
+        return false;
+    if (is_cloud && file->wanted[RADIUS] < 0)
+        fill(mesh->radii, mesh->vertex_count, file->wish->point_radius);
+    mesh->primitive_count = is_cloud ? mesh->vertex_count : 0;
+    for (uint32_t i = 0; i < mesh->primitive_count; i++)
+        mesh->indices[i] = i;
+    return true;
+}
+
+static enum bvhd_status check_radii(const struct ply_file *file)
+{
+    uint32_t wrong = 0;
+    if (!file->mesh->radii || !import_round_find_wrong(file->mesh->radii, file->mesh->vertex_count, &wrong))
+        return BVHD_OK;
+    return bvhd_error_set(file->error, BVHD_INVALID, file->path,
+                          "the radius of vertex %u is %g: it has to be finite and not negative", wrong,
+                          (double)file->mesh->radii[wrong]);
 }
 
 static enum bvhd_status read_vertices(struct ply_file *file)
@@ -142,15 +196,14 @@ static enum bvhd_status read_vertices(struct ply_file *file)
     if (element->count >= UINT32_MAX)
         return bvhd_error_set(file->error, BVHD_UNSUPPORTED, file->path, "it has more than %u vertices",
                               UINT32_MAX - 1);
-    file->mesh->positions = memory_array(file->memory, element->count + 1, 3 * sizeof *file->mesh->positions);
-    if (!file->mesh->positions)
+    if (!make_arrays(file))
         return no_memory(file);
-    file->mesh->vertex_count = (uint32_t)element->count;
     if (ply_element_is_fixed(element, file->source.format))
-        return read_fixed_vertices(file, file->coordinates);
-    for (uint64_t row = 0; row < element->count && !status; row++)
-        status = read_row(file, element, row, file->coordinates, file->mesh->positions + 3 * row);
-    return status;
+        status = read_fixed_vertices(file);
+    else
+        for (uint64_t row = 0; row < element->count && !status; row++)
+            status = read_row(file, element, row, true);
+    return status ? status : check_radii(file);
 }
 
 static enum bvhd_status skip_element(struct ply_file *file, const struct ply_element *element)
@@ -163,7 +216,7 @@ static enum bvhd_status skip_element(struct ply_file *file, const struct ply_ele
         return ok ? BVHD_OK : ply_row_failure(&file->source, element, 0, file->path, file->error);
     }
     for (uint64_t row = 0; row < element->count && !status; row++)
-        status = read_row(file, element, row, NULL, NULL);
+        status = read_row(file, element, row, false);
     return status;
 }
 
@@ -206,22 +259,25 @@ static enum bvhd_status read_body(struct ply_file *file, struct ply_faces *faces
     return status ? status : read_elements(file, false, faces);
 }
 
-/* Refuses what cannot have triangles, and what lacks a list, before anything is read. */
+/* Refuses what cannot have triangles or points, and what lacks a list, before anything is read. */
 static enum bvhd_status check_elements(struct ply_file *file)
 {
     uint64_t rows = 0;
-    enum bvhd_status status = find_coordinates(file);
+    for (uint32_t i = 0; i < file->header.element_count; i++)
+        rows += is_faces(&file->header.elements[i]) ? file->header.elements[i].count : 0;
+    file->mesh->shape = rows == 0 && file->wish->point_radius > 0 ? IMPORT_POINTS : IMPORT_TRIANGLES;
+    enum bvhd_status status = find_values(file);
     for (uint32_t i = 0; i < file->header.element_count && !status; i++) {
         const struct ply_element *element = &file->header.elements[i];
         if (is_faces(element) && !ply_faces_list(element, file->path, file->error))
             return BVHD_UNSUPPORTED;
-        rows += is_faces(element) ? element->count : 0;
         if (element != file->vertex && !is_faces(element))
             file->import->counts.unknown_rows += element->count;
     }
-    if (!status && rows == 0)
+    if (!status && rows == 0 && file->mesh->shape == IMPORT_TRIANGLES)
         status = bvhd_error_set(file->error, BVHD_INVALID, file->path,
-                                "no triangles in it: it is a point cloud of %llu vertices, without faces",
+                                "no triangles in it: it is a point cloud of %llu vertices, without faces; --points "
+                                "RADIUS reads them as spheres",
                                 (unsigned long long)file->vertex->count);
     return status;
 }
@@ -232,6 +288,74 @@ static enum bvhd_status no_triangles(const struct ply_file *file)
     return bvhd_error_set(
         file->error, BVHD_INVALID, file->path, "no triangles in it, only %llu points, %llu lines and %llu empty faces",
         (unsigned long long)counts->points, (unsigned long long)counts->lines, (unsigned long long)counts->empty_faces);
+}
+
+/* Makes a mesh of points or lines among the faces, whose indices it takes. Its radii are those of the file, if any. */
+static bool add_round(struct ply_file *file, enum import_shape shape, struct ply_round *round)
+{
+    const struct import_mesh *from = file->mesh;
+    struct import_mesh *mesh = &file->import->meshes[file->import->mesh_count++];
+    uint64_t room = (uint64_t)from->vertex_count + 1;
+    *mesh = (struct import_mesh){.name = files_copy_text(file->memory, ""),
+                                 .material = files_copy_text(file->memory, ""),
+                                 .shape = shape,
+                                 .positions = memory_array(file->memory, room, 3 * sizeof *mesh->positions),
+                                 .radii = memory_array(file->memory, room, sizeof *mesh->radii),
+                                 .indices = round->indices,
+                                 .vertex_count = from->vertex_count,
+                                 .primitive_count = (uint32_t)(round->count / import_shape_kinds[shape].corners)};
+    *round = (struct ply_round){0};
+    if (!mesh->name || !mesh->material || !mesh->positions || !mesh->radii)
+        return false;
+    memcpy(mesh->positions, from->positions, from->vertex_count * 3 * sizeof *mesh->positions);
+    if (from->radii)
+        memcpy(mesh->radii, from->radii, from->vertex_count * sizeof *mesh->radii);
+    else
+        fill(mesh->radii, mesh->vertex_count, import_round_radius(file->wish, shape));
+    return true;
+}
+
+/* Adds a bottom level and an instance of a mesh. */
+static bool add_bottom(struct import *import, uint32_t mesh)
+{
+    struct import_bottom *bottom = &import->bottoms[import->bottom_count++];
+    *bottom = (struct import_bottom){.name = files_copy_text(import->memory, ""), .mesh_count = 1};
+    bottom->meshes = memory_alloc(import->memory, sizeof *bottom->meshes);
+    if (!bottom->name || !bottom->meshes)
+        return false;
+    bottom->meshes[0] = mesh;
+    import->instances[import->instance_count] =
+        (struct import_instance){.bottom = import->instance_count, .transform = {
+                                     1,
+                                     0,
+                                     0,
+                                     0,
+                                     0,
+                                     1,
+                                     0,
+                                     0,
+                                     0,
+                                     0,
+                                     1,
+                                     0
+                                 }};
+    import->instance_count++;
+    return true;
+}
+
+/* Completes what was read: triangles have no radii, and each mesh that is not empty gets a bottom level. */
+static bool finish_meshes(struct ply_file *file)
+{
+    struct import *import = file->import;
+    if (file->mesh->shape == IMPORT_TRIANGLES) {
+        memory_free(file->memory, file->mesh->radii);
+        file->mesh->radii = NULL;
+    }
+    for (uint32_t i = 0; i < import->mesh_count; i++)
+        if (import->meshes[i].primitive_count &&
+            (!import_round_order(&import->meshes[i], file->memory) || !add_bottom(import, i)))
+            return false;
+    return true;
 }
 
 static enum bvhd_status read_file(struct ply_file *file)
@@ -247,45 +371,46 @@ static enum bvhd_status read_file(struct ply_file *file)
     struct ply_faces faces;
     ply_source_end_row(&file->source); /* empty lines and comments before the first row */
     ply_faces_init(&faces, &file->source, file->path, file->memory, file->mesh, file->error);
+    faces.rounds[IMPORT_POINTS].is_wanted = file->wish->point_radius > 0;
+    faces.rounds[IMPORT_LINES].is_wanted = file->wish->line_radius > 0;
     status = read_body(file, &faces);
+    for (enum import_shape shape = IMPORT_POINTS; shape < IMPORT_SHAPES && !status; shape++)
+        if (faces.rounds[shape].count && !add_round(file, shape, &faces.rounds[shape]))
+            status = no_memory(file);
     ply_faces_finish(&faces);
     file->import->counts.extra_bytes = ply_source_left(&file->source);
     if (!status && ferror(file->source.file))
         status = bvhd_error_set(file->error, BVHD_IO, file->path, "it cannot be read");
-    if (!status && file->mesh->triangle_count == 0)
+    import_round_count(file->import);
+    if (!status && !import_round_any(file->import))
         status = no_triangles(file);
+    if (!status && !finish_meshes(file))
+        status = no_memory(file);
     return status;
 }
 
-/* Makes the parts of an import that are the same for all files: one mesh, one bottom level, one instance. */
+/* Makes the parts of an import that are the same for all files, with room for a mesh of each shape. */
 static bool prepare_import(const char *path, struct import *import)
 {
     struct memory *memory = import->memory;
     import->name = import_name(path, memory);
-    import->meshes = memory_alloc(memory, sizeof *import->meshes);
-    import->bottoms = memory_alloc(memory, sizeof *import->bottoms);
-    import->instances = memory_alloc(memory, sizeof *import->instances);
+    import->meshes = memory_array(memory, IMPORT_SHAPES, sizeof *import->meshes);
+    import->bottoms = memory_array(memory, IMPORT_SHAPES, sizeof *import->bottoms);
+    import->instances = memory_array(memory, IMPORT_SHAPES, sizeof *import->instances);
     import->files = memory_alloc(memory, sizeof *import->files);
     if (!import->name || !import->meshes || !import->bottoms || !import->instances || !import->files)
         return false;
-    import->mesh_count = import->bottom_count = import->instance_count = import->file_count = 1;
+    import->mesh_count = import->file_count = 1;
     import->meshes[0] =
         (struct import_mesh){.name = files_copy_text(memory, ""), .material = files_copy_text(memory, "")};
-    import->bottoms[0] = (struct import_bottom){.name = files_copy_text(memory, ""), .mesh_count = 1};
-    import->bottoms[0].meshes = memory_alloc(memory, sizeof *import->bottoms[0].meshes);
-    import->instances[0] = (struct import_instance){.transform = { 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0 }};
     import->files[0] = files_copy_text(memory, path);
-    if (!import->meshes[0].name || !import->meshes[0].material || !import->bottoms[0].name ||
-        !import->bottoms[0].meshes || !import->files[0])
-        return false;
-    import->bottoms[0].meshes[0] = 0;
-    return true;
+    return import->meshes[0].name && import->meshes[0].material && import->files[0];
 }
 
-enum bvhd_status ply_import_stream(FILE *stream, uint64_t size, const char *path, struct memory *memory,
-                                   struct import *ret_import, struct bvhd_error *error)
+enum bvhd_status ply_import_stream(FILE *stream, uint64_t size, const char *path, const struct import_wish *wish,
+                                   struct memory *memory, struct import *ret_import, struct bvhd_error *error)
 {
-    struct import import = {.memory = memory};
+    struct import import = {.memory = memory, .point_radius = wish->point_radius, .line_radius = wish->line_radius};
     struct ply_file *file = memory_alloc(memory, sizeof *file);
     bool ok = prepare_import(path, &import) && file;
     enum bvhd_status status = BVHD_OK;
@@ -297,6 +422,7 @@ enum bvhd_status ply_import_stream(FILE *stream, uint64_t size, const char *path
         file->memory = memory;
         file->import = &import;
         file->mesh = &import.meshes[0];
+        file->wish = wish;
         ply_source_init(&file->source, stream, size);
         status = read_file(file);
     }
@@ -306,21 +432,20 @@ enum bvhd_status ply_import_stream(FILE *stream, uint64_t size, const char *path
         return status;
     }
     import.reader = IMPORT_BY_PLY;
-    import.has_second_reader = true;
-    import.triangle_count = import.meshes[0].triangle_count;
+    import.has_second_reader = import.triangle_count > 0;
     import_counts_add_mesh(&import.counts, &import.meshes[0].counts);
     *ret_import = import;
     return BVHD_OK;
 }
 
-enum bvhd_status ply_import(const char *path, struct memory *memory, struct import *ret_import,
-                            struct bvhd_error *error)
+enum bvhd_status ply_import(const char *path, const struct import_wish *wish, struct memory *memory,
+                            struct import *ret_import, struct bvhd_error *error)
 {
     uint64_t size = 0;
     FILE *file = open_regular(path, &size);
     if (!file)
         return bvhd_error_set(error, BVHD_IO, path, "it cannot be opened");
-    enum bvhd_status status = ply_import_stream(file, size, path, memory, ret_import, error);
+    enum bvhd_status status = ply_import_stream(file, size, path, wish, memory, ret_import, error);
     fclose(file);
     return status;
 }

@@ -17,6 +17,10 @@ void ply_faces_finish(struct ply_faces *faces)
 {
     memory_free(faces->memory, faces->corners);
     faces->corners = NULL;
+    for (int shape = 0; shape < IMPORT_SHAPES; shape++) {
+        memory_free(faces->memory, faces->rounds[shape].indices);
+        faces->rounds[shape] = (struct ply_round){0};
+    }
     polygon_cutter_finish(&faces->cutter);
 }
 
@@ -68,7 +72,7 @@ static enum bvhd_status no_memory(const struct ply_faces *faces)
 /* Makes room for `count` more triangles. */
 static enum bvhd_status reserve_triangles(struct ply_faces *faces, uint64_t count)
 {
-    uint64_t wanted = faces->mesh->triangle_count + count;
+    uint64_t wanted = faces->mesh->primitive_count + count;
     if (wanted > UINT32_MAX / 3)
         return bvhd_error_set(faces->error, BVHD_UNSUPPORTED, faces->path, "it has more than %u triangles",
                               UINT32_MAX / 3);
@@ -137,7 +141,7 @@ static void rotate(uint32_t triangle[3])
  */
 static void rotate_triangles(struct ply_faces *faces, uint32_t first, bool is_quad)
 {
-    for (uint32_t i = first; i < faces->mesh->triangle_count; i += 1 + is_quad) {
+    for (uint32_t i = first; i < faces->mesh->primitive_count; i += 1 + is_quad) {
         uint32_t *triangle = faces->mesh->indices + 3 * (size_t)i;
         if (triangle[0] == faces->last_corner) {
             rotate(triangle);
@@ -152,15 +156,37 @@ static void rotate_triangles(struct ply_faces *faces, uint32_t first, bool is_qu
 static void rotate_face(struct ply_faces *faces, uint32_t first, uint64_t count)
 {
     if (!faces->has_polygons && (count == 0 || count > 3)) { /* to assimp a face without corners is a polygon, too */
-        uint32_t triangle_count = faces->mesh->triangle_count;
+        uint32_t triangle_count = faces->mesh->primitive_count;
         faces->has_polygons = true;
         faces->last_corner = UINT32_MAX;
-        faces->mesh->triangle_count = first;
+        faces->mesh->primitive_count = first;
         rotate_triangles(faces, faces->first_face, false);
-        faces->mesh->triangle_count = triangle_count;
+        faces->mesh->primitive_count = triangle_count;
     }
     if (faces->has_polygons)
         rotate_triangles(faces, first, count == 4);
+}
+
+/* Adds a face of one or two corners to the points or lines, or counts it. One without corners is ignored. */
+static enum bvhd_status add_round(struct ply_faces *faces, const uint32_t *corners, uint64_t count)
+{
+    struct ply_round *round = &faces->rounds[count == 1 ? IMPORT_POINTS : IMPORT_LINES];
+    if (count == 0 || !round->is_wanted) {
+        faces->mesh->counts.points += count == 1;
+        faces->mesh->counts.lines += count == 2;
+        return BVHD_OK;
+    }
+    if (round->count + count > round->capacity) {
+        uint64_t capacity = 2 * round->capacity + 64;
+        uint32_t *grown = capacity / 2 < UINT32_MAX ? memory_resize(faces->memory, round->indices, capacity * 4) : NULL;
+        if (!grown)
+            return no_memory(faces);
+        round->indices = grown;
+        round->capacity = capacity;
+    }
+    for (uint64_t i = 0; i < count; i++)
+        round->indices[round->count++] = corners[i];
+    return BVHD_OK;
 }
 
 /* Makes triangles of the polygon in faces->corners. */
@@ -168,22 +194,20 @@ static enum bvhd_status add_polygon(struct ply_faces *faces, uint64_t count)
 {
     struct import_mesh *mesh = faces->mesh;
     mesh->counts.empty_faces += count == 0;
-    mesh->counts.points += count == 1;
-    mesh->counts.lines += count == 2;
     if (count < 3) {
-        rotate_face(faces, mesh->triangle_count, count);
-        return BVHD_OK;
+        rotate_face(faces, mesh->primitive_count, count);
+        return add_round(faces, faces->corners, count);
     }
     enum bvhd_status status = reserve_triangles(faces, count - 2);
     if (status)
         return status;
     bool is_fanned;
     if (!polygon_cut(&faces->cutter, mesh->positions, faces->corners, (uint32_t)count,
-                     mesh->indices + 3 * (size_t)mesh->triangle_count, &is_fanned))
+                     mesh->indices + 3 * (size_t)mesh->primitive_count, &is_fanned))
         return no_memory(faces);
-    mesh->triangle_count += (uint32_t)count - 2;
+    mesh->primitive_count += (uint32_t)count - 2;
     mesh->counts.fanned += is_fanned;
-    rotate_face(faces, mesh->triangle_count - (uint32_t)(count - 2), count);
+    rotate_face(faces, mesh->primitive_count - (uint32_t)(count - 2), count);
     return BVHD_OK;
 }
 
@@ -191,17 +215,18 @@ static enum bvhd_status add_polygon(struct ply_faces *faces, uint64_t count)
  * Makes triangles of `count` vertices of a strip. Every second one has its first two corners swapped, to face as the
  * others.
  */
-static void add_strip(struct ply_faces *faces, const uint32_t *corners, uint64_t count)
+static enum bvhd_status add_strip(struct ply_faces *faces, const uint32_t *corners, uint64_t count)
 {
     struct import_mesh *mesh = faces->mesh;
-    mesh->counts.points += count == 1;
-    mesh->counts.lines += count == 2;
+    if (count < 3)
+        return add_round(faces, corners, count);
     for (uint64_t i = 2; i < count; i++) {
-        uint32_t *out = mesh->indices + 3 * (size_t)mesh->triangle_count++;
+        uint32_t *out = mesh->indices + 3 * (size_t)mesh->primitive_count++;
         out[0] = corners[i % 2 ? i - 1 : i - 2];
         out[1] = corners[i % 2 ? i - 2 : i - 1];
         out[2] = corners[i];
     }
+    return BVHD_OK;
 }
 
 static enum bvhd_status add_strips(struct ply_faces *faces, uint64_t count)
@@ -212,7 +237,7 @@ static enum bvhd_status add_strips(struct ply_faces *faces, uint64_t count)
     for (uint64_t i = 0; i <= count && !status; i++)
         if (i == count || faces->corners[i] == restart) {
             if (i > first)
-                add_strip(faces, faces->corners + first, i - first);
+                status = add_strip(faces, faces->corners + first, i - first);
             first = i + 1;
         }
     return status;
@@ -242,7 +267,7 @@ enum bvhd_status ply_faces_read(struct ply_faces *faces, const struct ply_elemen
     bool is_strip = !strcmp(element->name, "tristrips");
     const struct ply_property *list = ply_faces_list(element, faces->path, faces->error);
     assert(list); /* elements without one were refused before anything was read */
-    faces->first_face = faces->mesh->triangle_count;
+    faces->first_face = faces->mesh->primitive_count;
     enum bvhd_status status = reserve_triangles(faces, is_strip ? 0 : element->count);
     for (uint64_t row = 0; row < element->count && !status; row++) {
         status = read_row(faces, element, list, row, is_strip);

@@ -7,6 +7,13 @@
 #include "client/bvhctl/scene/ply_header.h"
 #include "client/bvhctl/scene/polygon.h"
 
+/* The points or lines among the faces of a file: their vertices, one or two each. */
+struct ply_round {
+    bool is_wanted; /* else they are counted */
+    uint32_t *indices;
+    uint64_t count, capacity; /* of indices */
+};
+
 /* The triangles of a file while they are read. */
 struct ply_faces {
     struct ply_source *source;
@@ -18,6 +25,7 @@ struct ply_faces {
     uint32_t *corners; /* of the row that is read */
     uint64_t corner_capacity;
     struct polygon_cutter cutter;
+    struct ply_round rounds[IMPORT_SHAPES]; /* those of points and lines are used */
     bool has_polygons; /* so far: the corners of triangles are rotated (ply_faces.c) */
     uint32_t first_face; /* the first triangle of the element that is read */
     uint32_t last_corner; /* the first corner of the triangle before, if has_polygons */
@@ -34,7 +42,7 @@ const struct ply_property *ply_faces_list(const struct ply_element *element, con
 /* Reads all rows of `face` or `tristrips`, which has a list. Its number of rows was compared with the file. */
 enum bvhd_status ply_faces_read(struct ply_faces *faces, const struct ply_element *element);
 
-/* Frees what was used for reading. The mesh keeps its triangles. */
+/* Frees what was used for reading, and the points and lines that nobody has taken. The mesh keeps its triangles. */
 void ply_faces_finish(struct ply_faces *faces);
 
 /* Describes why a value of row `row` could not be read. */

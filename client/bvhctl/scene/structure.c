@@ -101,6 +101,17 @@ void structure_triangle(const struct structure *structure, uint32_t row, float r
     target_reader_find(structure->target)->triangle(structure, row, ret_corners, ret_primitive);
 }
 
+uint32_t structure_round_count(const struct structure *structure)
+{
+    bool is_round = structure->content == CONTENT_SPHERES || structure->content == CONTENT_SWEPT_SPHERES;
+    return is_round ? structure->record_count : 0;
+}
+
+struct structure_round structure_round(const struct structure *structure, uint32_t row)
+{
+    return target_reader_find(structure->target)->round(structure, row);
+}
+
 uint32_t structure_instance_count(const struct structure *structure)
 {
     return structure->content == CONTENT_INSTANCES ? structure->record_count : 0;

@@ -8,7 +8,14 @@
 #include "builder/format/portable.h"
 
 /* The kind of primitives. It is unknown for an empty structure of a native layout. */
-enum structure_content { CONTENT_UNKNOWN, CONTENT_TRIANGLES, CONTENT_AABBS, CONTENT_INSTANCES };
+enum structure_content {
+    CONTENT_UNKNOWN,
+    CONTENT_TRIANGLES,
+    CONTENT_AABBS,
+    CONTENT_INSTANCES,
+    CONTENT_SPHERES,
+    CONTENT_SWEPT_SPHERES
+};
 
 /* The primitives of one geometry. Flat numbers run through the primitives of all geometries. */
 struct structure_geometry {
@@ -22,7 +29,7 @@ struct structure {
     enum target target;
     enum structure_content content;
     uint32_t primitive_count; /* with those that are not in the tree; of a native top level: leaves in the file */
-    uint32_t record_count; /* records that structure_triangle or structure_instance can read, by their row from 0 */
+    uint32_t record_count; /* records that the functions below can read, by their row from 0 */
     struct structure_geometry *geometries; /* of a bottom level, by ascending index */
     uint32_t geometry_count;
     /*
@@ -56,6 +63,17 @@ uint32_t structure_triangle_count(const struct structure *structure);
 /* Gives the exact corners of a triangle, and its flat primitive number. */
 void structure_triangle(const struct structure *structure, uint32_t row, float ret_corners[3][3],
                         uint32_t *ret_primitive);
+
+/* A sphere or a linear swept sphere, exactly as built. */
+struct structure_round {
+    float ends[2][4]; /* centre and radius; those of a sphere are equal */
+    unsigned caps; /* of a linear swept sphere, the ends that have one: 1 the first, 2 the second */
+    uint32_t primitive; /* its flat number */
+};
+
+/* Returns the number of rows of spheres and linear swept spheres, 0 for other contents. */
+uint32_t structure_round_count(const struct structure *structure);
+struct structure_round structure_round(const struct structure *structure, uint32_t row);
 
 struct structure_instance {
     float object_to_world[12]; /* row-major 3x4 */

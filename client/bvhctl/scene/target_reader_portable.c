@@ -15,6 +15,8 @@ static const struct {
     [PORTABLE_TRIANGLES] = {CONTENT_TRIANGLES, "triangles"},
     [PORTABLE_AABBS] = {CONTENT_AABBS, "AABBs"},
     [PORTABLE_INSTANCES] = {CONTENT_INSTANCES, "instances"},
+    [PORTABLE_SPHERES] = {CONTENT_SPHERES, "spheres"},
+    [PORTABLE_SWEPT_SPHERES] = {CONTENT_SWEPT_SPHERES, "linear swept spheres"},
 };
 
 static enum bvhd_status open_structure(struct structure *structure, struct bvhd_error *error)
@@ -64,6 +66,18 @@ static void get_triangle(const struct structure *structure, uint32_t row, float 
     for (int i = 0; i < 3; i++)
         memcpy(ret_corners[i], view->vertices + UINT64_C(3) * record->vertices[i], sizeof ret_corners[i]);
     *ret_primitive = record->id & PORTABLE_ID_MASK;
+}
+
+static struct structure_round get_round(const struct structure *structure, uint32_t row)
+{
+    const struct portable_view *view = &structure->view.portable;
+    const struct portable_round *record = (const struct portable_round *)view->records + row;
+    bool is_swept = structure->content == CONTENT_SWEPT_SPHERES;
+    struct structure_round round = {.caps = is_swept ? portable_round_caps(record->id) : 0,
+                                    .primitive = record->id & PORTABLE_ID_MASK};
+    for (uint64_t end = 0; end < 2; end++)
+        memcpy(round.ends[end], view->vertices + 4 * (record->vertex + (is_swept ? end : 0)), sizeof round.ends[end]);
+    return round;
 }
 
 static struct structure_instance get_instance(const struct structure *structure, uint32_t row)
@@ -167,6 +181,7 @@ const struct target_reader target_reader_portable = {
     .open = open_structure,
     .bounds = get_bounds,
     .triangle = get_triangle,
+    .round = get_round,
     .instance = get_instance,
     .content_name = content_name,
     .survey = take_survey,

@@ -6,34 +6,88 @@
 
 #include "client/bvhctl/scene/target_reader.h"
 
-/* Returns nine floats for each primitive, or NULL when there is no memory. */
-static float *unpack_positions(const struct structure *bottom, struct memory *memory)
+/* What the oracle gets of a content. */
+struct shape {
+    enum oracle_shape oracle;
+    uint32_t vertices; /* of a primitive; 0: the oracle does not know it */
+};
+
+static struct shape shape_of(const struct structure *bottom)
 {
-    uint64_t count = UINT64_C(9) * bottom->primitive_count;
-    float *positions = memory_array(memory, count + 1, sizeof *positions);
-    for (uint64_t i = 0; i < count && positions; i++)
-        positions[i] = NAN;
-    for (uint32_t row = 0; row < structure_triangle_count(bottom) && positions; row++) {
+    static const struct shape shapes[] = {
+        [CONTENT_UNKNOWN] = {ORACLE_TRIANGLES, 0}, [CONTENT_TRIANGLES] = {ORACLE_TRIANGLES, 3},
+        [CONTENT_AABBS] = {ORACLE_TRIANGLES, 0},   [CONTENT_INSTANCES] = {ORACLE_TRIANGLES, 0},
+        [CONTENT_SPHERES] = {ORACLE_SPHERES, 1},   [CONTENT_SWEPT_SPHERES] = {ORACLE_SWEPT_SPHERES, 2}};
+    return shapes[bottom->content];
+}
+
+static void unpack_triangles(const struct structure *bottom, struct unpacked_bottom *unpacked)
+{
+    for (uint32_t row = 0; row < structure_triangle_count(bottom); row++) {
         float corners[3][3];
         uint32_t primitive;
         structure_triangle(bottom, row, corners, &primitive);
-        memcpy(positions + UINT64_C(9) * primitive, corners, sizeof corners);
+        memcpy(unpacked->positions + UINT64_C(9) * primitive, corners, sizeof corners);
     }
-    return positions;
 }
 
-static void add_meshes(struct unpacked *unpacked, const struct structure *bottom, const float *positions,
+static void unpack_round(const struct structure *bottom, uint32_t vertices, struct unpacked_bottom *unpacked)
+{
+    for (uint32_t row = 0; row < structure_round_count(bottom); row++) {
+        struct structure_round round = structure_round(bottom, row);
+        for (uint32_t end = 0; end < vertices; end++) {
+            uint64_t vertex = (uint64_t)round.primitive * vertices + end;
+            memcpy(unpacked->positions + 3 * vertex, round.ends[end], 3 * sizeof(float));
+            unpacked->radii[vertex] = round.ends[end][3];
+        }
+        if (unpacked->caps)
+            unpacked->caps[round.primitive] = (uint8_t)round.caps;
+    }
+}
+
+/* Returns false when there is no memory. */
+static bool unpack_bottom(const struct structure *bottom, struct memory *memory, struct unpacked_bottom *unpacked)
+{
+    struct shape shape = shape_of(bottom);
+    uint64_t count = (uint64_t)bottom->primitive_count * shape.vertices;
+    bool is_round = shape.oracle != ORACLE_TRIANGLES, has_caps = shape.oracle == ORACLE_SWEPT_SPHERES;
+    if (shape.vertices == 0)
+        return true;
+    unpacked->positions = memory_array(memory, count + 1, 3 * sizeof *unpacked->positions);
+    unpacked->radii = is_round ? memory_array(memory, count + 1, sizeof *unpacked->radii) : NULL;
+    unpacked->caps = has_caps ? memory_alloc(memory, (uint64_t)bottom->primitive_count + 1) : NULL;
+    if (!unpacked->positions || (is_round && !unpacked->radii) || (has_caps && !unpacked->caps))
+        return false;
+    for (uint64_t i = 0; i < 3 * count; i++)
+        unpacked->positions[i] = NAN;
+    if (is_round)
+        memset(unpacked->radii, 0, count * sizeof *unpacked->radii);
+    if (has_caps)
+        memset(unpacked->caps, 0, bottom->primitive_count);
+    if (is_round)
+        unpack_round(bottom, shape.vertices, unpacked);
+    else
+        unpack_triangles(bottom, unpacked);
+    return true;
+}
+
+static void add_meshes(struct unpacked *unpacked, const struct structure *bottom, const struct unpacked_bottom *from,
                        const struct structure_instance *instance)
 {
-    for (uint32_t i = 0; i < bottom->geometry_count; i++) {
+    struct shape shape = shape_of(bottom);
+    for (uint32_t i = 0; i < bottom->geometry_count && from->positions; i++) {
         const struct structure_geometry *geometry = &bottom->geometries[i];
+        uint64_t vertex = (uint64_t)geometry->first_primitive * shape.vertices;
         unpacked->meshes[unpacked->mesh_count++] =
-            (struct oracle_mesh){.positions = positions + UINT64_C(9) * geometry->first_primitive,
+            (struct oracle_mesh){.shape = shape.oracle,
+                                 .positions = from->positions + 3 * vertex,
+                                 .radii = from->radii ? from->radii + vertex : NULL,
+                                 .caps = from->caps ? from->caps + geometry->first_primitive : NULL,
                                  .primitive_count = geometry->primitive_count,
                                  .transform = instance ? instance->object_to_world : NULL,
                                  .instance = instance ? instance->instance : RAY_NO_INSTANCE,
                                  .geometry = geometry->geometry};
-        unpacked->triangle_count += geometry->primitive_count;
+        unpacked->primitive_count += geometry->primitive_count;
     }
 }
 
@@ -41,19 +95,17 @@ static void add_instances(const struct structures *structures, struct unpacked *
 {
     for (uint32_t i = 0; i < unpacked->instance_count; i++) {
         const struct structure_instance *instance = &unpacked->instances[i];
-        if (unpacked->positions[instance->bottom])
-            add_meshes(unpacked, &structures->files[instance->bottom].structure, unpacked->positions[instance->bottom],
-                       instance);
+        add_meshes(unpacked, &structures->files[instance->bottom].structure, &unpacked->bottoms[instance->bottom],
+                   instance);
     }
 }
 
 static bool unpack_bottoms(const struct structures *structures, struct unpacked *unpacked)
 {
     for (uint32_t i = 0; i < structures->bottom_count; i++) {
-        const struct structure *bottom = &structures->files[i].structure;
-        unpacked->positions[i] = structure_triangle_count(bottom) ? unpack_positions(bottom, unpacked->memory) : NULL;
-        unpacked->bottom_count++;
-        if (structure_triangle_count(bottom) && !unpacked->positions[i])
+        struct unpacked_bottom *bottom = &unpacked->bottoms[unpacked->bottom_count++];
+        *bottom = (struct unpacked_bottom){0};
+        if (!unpack_bottom(&structures->files[i].structure, unpacked->memory, bottom))
             return false;
     }
     return true;
@@ -82,8 +134,8 @@ static uint64_t count_meshes(const struct structures *structures, const struct u
 static bool unpack_all(const struct structures *structures, struct unpacked *unpacked)
 {
     struct memory *memory = unpacked->memory;
-    unpacked->positions = memory_array(memory, (uint64_t)structures->bottom_count + 1, sizeof *unpacked->positions);
-    if (!unpacked->positions || !unpack_bottoms(structures, unpacked) ||
+    unpacked->bottoms = memory_array(memory, (uint64_t)structures->bottom_count + 1, sizeof *unpacked->bottoms);
+    if (!unpacked->bottoms || !unpack_bottoms(structures, unpacked) ||
         !unpack_instances(structures_top(structures), unpacked))
         return false;
     unpacked->meshes = memory_array(memory, count_meshes(structures, unpacked) + 1, sizeof *unpacked->meshes);
@@ -91,8 +143,8 @@ static bool unpack_all(const struct structures *structures, struct unpacked *unp
         return false;
     if (structures->has_top)
         add_instances(structures, unpacked);
-    else if (unpacked->positions[0])
-        add_meshes(unpacked, &structures->files[0].structure, unpacked->positions[0], NULL);
+    else
+        add_meshes(unpacked, &structures->files[0].structure, &unpacked->bottoms[0], NULL);
     return true;
 }
 
@@ -102,7 +154,7 @@ enum bvhd_status unpack_structures(const struct structures *structures, struct m
     struct unpacked unpacked = {.memory = memory};
     if (!unpack_all(structures, &unpacked)) {
         unpack_finish(&unpacked);
-        return bvhd_error_no_memory(error, "trace", "no memory for the triangles");
+        return bvhd_error_no_memory(error, "trace", "no memory for the primitives");
     }
     *ret_unpacked = unpacked;
     return BVHD_OK;
@@ -143,9 +195,12 @@ void unpack_finish(struct unpacked *unpacked)
 {
     if (!unpacked || !unpacked->memory)
         return;
-    for (uint32_t i = 0; i < unpacked->bottom_count; i++)
-        memory_free(unpacked->memory, unpacked->positions[i]);
-    memory_free(unpacked->memory, unpacked->positions);
+    for (uint32_t i = 0; i < unpacked->bottom_count; i++) {
+        memory_free(unpacked->memory, unpacked->bottoms[i].positions);
+        memory_free(unpacked->memory, unpacked->bottoms[i].radii);
+        memory_free(unpacked->memory, unpacked->bottoms[i].caps);
+    }
+    memory_free(unpacked->memory, unpacked->bottoms);
     memory_free(unpacked->memory, unpacked->instances);
     memory_free(unpacked->memory, unpacked->meshes);
     *unpacked = (struct unpacked){0};

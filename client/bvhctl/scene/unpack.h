@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * unpack.h - extracts the exact triangles from opened structures for the oracle, so that a picture can be checked
+ * unpack.h - extracts the exact primitives from opened structures for the oracle, so that a picture can be checked
  * without the scene file.
  */
 #ifndef BVHCTL_UNPACK_H
@@ -11,18 +11,25 @@
 
 struct target_reader;
 
+/* The primitives of a bottom level, by their flat numbers. All NULL: it has none. */
+struct unpacked_bottom {
+    float *positions; /* of their vertices; NaN for primitives that are not in the structure */
+    float *radii; /* of the vertices of round ones, else NULL */
+    uint8_t *caps; /* of linear swept spheres, else NULL */
+};
+
 struct unpacked {
     struct oracle_mesh *meshes; /* one for each geometry of each instance */
     uint32_t mesh_count;
-    uint64_t triangle_count; /* over all meshes */
-    float **positions; /* of each bottom level: nine floats a primitive, NaN if it is not in the structure */
+    uint64_t primitive_count; /* over all meshes */
+    struct unpacked_bottom *bottoms;
     uint32_t bottom_count;
     struct structure_instance *instances; /* the transforms of the meshes point into them */
     uint32_t instance_count;
     struct memory *memory;
 };
 
-/* Extracts the triangles; bottom levels of AABBs have none. BVHD_NO_MEMORY. End with unpack_finish. */
+/* Extracts the primitives; those of AABBs are left out. BVHD_NO_MEMORY. End with unpack_finish. */
 enum bvhd_status unpack_structures(const struct structures *structures, struct memory *memory,
                                    struct unpacked *ret_unpacked, struct bvhd_error *error);
 

@@ -74,7 +74,7 @@ static bool weld_mesh(struct import_mesh *mesh, struct memory *memory)
     struct table table = {.memory = memory, .positions = mesh->positions};
     bool ok = welded && weld_vertices(&table, mesh, welded, &kept);
     if (ok && kept < mesh->vertex_count) {
-        for (uint64_t i = 0; i < UINT64_C(3) * mesh->triangle_count; i++)
+        for (uint64_t i = 0; i < UINT64_C(3) * mesh->primitive_count; i++)
             mesh->indices[i] = welded[mesh->indices[i]];
         mesh->vertex_count = kept;
     }
@@ -86,7 +86,7 @@ static bool weld_mesh(struct import_mesh *mesh, struct memory *memory)
 bool weld_import(struct import *import)
 {
     for (uint32_t i = 0; i < import->mesh_count; i++)
-        if (!weld_mesh(&import->meshes[i], import->memory))
+        if (import->meshes[i].shape == IMPORT_TRIANGLES && !weld_mesh(&import->meshes[i], import->memory))
             return false;
     return true;
 }

@@ -23,13 +23,13 @@ static struct import_mesh meshes[] = {
      .positions = ground_positions,
      .indices = ground_indices,
      .vertex_count = 4,
-     .triangle_count = 2},
+     .primitive_count = 2},
     {.name = cube_name,
      .material = material_name,
      .positions = cube_positions,
      .indices = cube_indices,
      .vertex_count = 8,
-     .triangle_count = 12},
+     .primitive_count = 12},
 };
 
 static uint32_t ground_list[] = {0}, cube_list[] = {1};

@@ -33,7 +33,7 @@ static void open_set(struct set *set, const struct mesh *mesh, char up, const st
                                     .positions = &mesh->vertices[0][0],
                                     .indices = &mesh->triangles[0][0],
                                     .vertex_count = mesh->vertex_count,
-                                    .triangle_count = mesh->triangle_count};
+                                    .primitive_count = mesh->triangle_count};
     const struct import import = {.name = name,
                                   .meshes = &imported,
                                   .bottoms = &bottom,

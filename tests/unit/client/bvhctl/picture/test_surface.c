@@ -83,8 +83,9 @@ static void test_corners(void **state)
     struct surfaces surfaces;
     struct surface surface;
     open_world(&world, &surfaces);
+    const struct ray ray = stage_ray(vector_make(0, 0, 0), vector_make(0, 1, 0));
     struct tracer_hit hit = {.t = 1, .instance = 3, .primitive = 0};
-    assert_true(surfaces_find(&surfaces, &hit, &surface));
+    assert_true(surfaces_find(&surfaces, &ray, &hit, &surface));
     static const struct vector corners[3] = {{2.5, 0, -0.5}, {2.5, 1, -0.5}, {3.5, 0, -0.5}};
     for (int i = 0; i < 3; i++)
         assert_true(vector_length(vector_sub(surface.corners[i], corners[i])) == 0);
@@ -92,7 +93,7 @@ static void test_corners(void **state)
     assert_true(fabs(surface_normal(&surface).z) == 1);
     hit.instance = 0;
     hit.primitive = 1;
-    assert_true(surfaces_find(&surfaces, &hit, &surface));
+    assert_true(surfaces_find(&surfaces, &ray, &hit, &surface));
     assert_true(fabs(surface_normal(&surface).y) == 1 && vector_length(surface.shift) == 0);
     close_world(&world, &surfaces);
 }
@@ -118,7 +119,7 @@ static void test_nothing_there(void **state)
     };
     struct ray ray = stage_ray(vector_make(0, 0, 0), vector_make(0, 1, 0));
     for (size_t i = 0; i < sizeof hits / sizeof *hits; i++) {
-        assert_false(surfaces_find(&surfaces, &hits[i], &surface));
+        assert_false(surfaces_find(&surfaces, &ray, &hits[i], &surface));
         assert_false(surfaces_meet(&surfaces, &ray, &hits[i], &met));
     }
     struct tracer_hit hit = {.t = NAN, .instance = 1};

@@ -21,7 +21,7 @@ static void test_kinds(void **state)
         0, 1, 6, /* inactive before infinite */
     };
     const struct import_mesh mesh = {
-        .positions = positions, .indices = indices, .vertex_count = 7, .triangle_count = 8};
+        .positions = positions, .indices = indices, .vertex_count = 7, .primitive_count = 8};
     struct activity activity = activity_of(&mesh);
     assert_int_equal(activity.degenerate, 2);
     assert_int_equal(activity.inactive, 3);

@@ -59,13 +59,13 @@ static void test_unpack(void **state)
     test_world_init(&world, 1);
     assert_int_equal(unpack_structures(&world.structures, &world.local.memory, &unpacked, NULL), BVHD_OK);
     assert_int_equal(unpacked.mesh_count, 3);
-    assert_int_equal(unpacked.triangle_count, 2 + 12 + 12);
+    assert_int_equal(unpacked.primitive_count, 2 + 12 + 12);
     for (uint32_t m = 0; m < unpacked.mesh_count; m++) {
         const struct oracle_mesh *mesh = &unpacked.meshes[m];
         const struct import_instance *instance = &world.import.instances[mesh->instance];
         const struct import_mesh *source =
             &world.import.meshes[world.import.bottoms[instance->bottom].meshes[mesh->geometry]];
-        assert_int_equal(mesh->primitive_count, source->triangle_count);
+        assert_int_equal(mesh->primitive_count, source->primitive_count);
         assert_memory_equal(mesh->transform, instance->transform, sizeof instance->transform);
         for (uint32_t i = 0; i < 3 * mesh->primitive_count; i++)
             assert_memory_equal(mesh->positions + 3 * i, source->positions + 3 * source->indices[i], 3 * sizeof(float));

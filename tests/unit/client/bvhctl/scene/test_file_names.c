@@ -29,7 +29,7 @@ static void add(struct fixture *f, const char *name, int geometry)
                                         .positions = corners[geometry],
                                         .indices = triangle,
                                         .vertex_count = 3,
-                                        .triangle_count = 1};
+                                        .primitive_count = 1};
     f->bottoms[i] = (struct import_bottom){.meshes = &numbers[i], .mesh_count = 1};
 }
 

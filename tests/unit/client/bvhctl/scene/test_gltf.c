@@ -24,7 +24,7 @@ static void extend(const struct import *import, const struct import_instance *in
     const struct import_bottom *bottom = &import->bottoms[instance->bottom];
     for (uint32_t m = 0; m < bottom->mesh_count; m++) {
         const struct import_mesh *mesh = &import->meshes[bottom->meshes[m]];
-        for (uint32_t i = 0; i < 3 * mesh->triangle_count; i++) {
+        for (uint32_t i = 0; i < 3 * mesh->primitive_count; i++) {
             assert_true(mesh->indices[i] < mesh->vertex_count);
             const float *at = mesh->positions + 3 * (size_t)mesh->indices[i], *row = instance->transform;
             for (int axis = 0; axis < 3; axis++, row += 4) {

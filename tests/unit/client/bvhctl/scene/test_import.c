@@ -55,8 +55,8 @@ static void test_faces(void **state)
     assert_int_equal(import.skipped_instances, 0);
     uint64_t triangles = 0;
     for (uint32_t i = 0; i < import.mesh_count; i++) {
-        triangles += import.meshes[i].triangle_count;
-        for (uint32_t k = 0; k < 3 * import.meshes[i].triangle_count; k++)
+        triangles += import.meshes[i].primitive_count;
+        for (uint32_t k = 0; k < 3 * import.meshes[i].primitive_count; k++)
             assert_true(import.meshes[i].indices[k] < import.meshes[i].vertex_count);
     }
     assert_int_equal(triangles, 4);
@@ -76,7 +76,7 @@ static void test_welded(void **state)
                              "f 1//1 2//1 3//1\nf 1//2 3//2 4//2\nf 4//1 3//2 5//1\n");
     import_good("welded.obj", &memory, &import);
     assert_int_equal(import.meshes[0].vertex_count, 5);
-    assert_int_equal(import.meshes[0].triangle_count, 3);
+    assert_int_equal(import.meshes[0].primitive_count, 3);
     assert_memory_equal(import.meshes[0].indices, expected, sizeof expected);
     finish(&import, &memory);
 }
@@ -108,7 +108,7 @@ static void test_nothing_is_dropped(void **state)
     struct import import;
     import_good("odd.ply", &memory, &import);
     assert_int_equal(import.mesh_count, 1);
-    assert_int_equal(import.meshes[0].triangle_count, 4);
+    assert_int_equal(import.meshes[0].primitive_count, 4);
     assert_int_equal(import.meshes[0].vertex_count, 5);
     assert_memory_equal(import.meshes[0].positions, positions, sizeof positions);
     assert_memory_equal(import.meshes[0].indices, faces, sizeof faces);

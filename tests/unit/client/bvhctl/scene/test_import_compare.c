@@ -46,7 +46,7 @@ static void test_agreement(void **state)
     comparison = import_compare("quad.ply", &import, &memory);
     assert_int_equal(comparison.agreement, IMPORT_DIFFERS);
     import.meshes[0].positions[0] = 0;
-    import.meshes[0].triangle_count = 1;
+    import.meshes[0].primitive_count = 1;
     comparison = import_compare("quad.ply", &import, &memory);
     assert_int_equal(comparison.agreement, IMPORT_DIFFERS);
     import_finish(&import);

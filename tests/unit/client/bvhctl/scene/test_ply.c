@@ -8,12 +8,14 @@
 #include "tests/support/scene/ply_file.h"
 #include "tests/support/scratch.h"
 
+static const struct import_wish no_points;
+
 static enum bvhd_status read_bytes(const void *data, size_t size, struct memory *memory, struct import *ret_import,
                                    struct bvhd_error *error)
 {
     FILE *file = fmemopen((void *)(uintptr_t)data, size, "rb");
     assert_non_null(file);
-    enum bvhd_status status = ply_import_stream(file, size, "dir/a file.ply", memory, ret_import, error);
+    enum bvhd_status status = ply_import_stream(file, size, "dir/a file.ply", &no_points, memory, ret_import, error);
     fclose(file);
     return status;
 }
@@ -37,7 +39,7 @@ static void check_sample(const struct import *import, const struct ply_expected 
     const struct import_mesh *mesh = &import->meshes[0];
     float min[3] = {INFINITY, INFINITY, INFINITY}, max[3] = {-INFINITY, -INFINITY, -INFINITY};
     assert_int_equal(mesh->vertex_count, expected->vertices);
-    assert_int_equal(mesh->triangle_count, expected->triangles);
+    assert_int_equal(mesh->primitive_count, expected->triangles);
     assert_int_equal(import->triangle_count, expected->triangles);
     for (uint32_t i = 0; i < 3 * mesh->vertex_count; i++) {
         min[i % 3] = fminf(min[i % 3], mesh->positions[i]);
@@ -45,7 +47,7 @@ static void check_sample(const struct import *import, const struct ply_expected 
     }
     assert_memory_equal(min, expected->min, sizeof min);
     assert_memory_equal(max, expected->max, sizeof max);
-    for (uint32_t i = 0; i < 3 * mesh->triangle_count; i++)
+    for (uint32_t i = 0; i < 3 * mesh->primitive_count; i++)
         assert_true(mesh->indices[i] < mesh->vertex_count);
     assert_int_equal(import->counts.points, expected->points);
     assert_int_equal(import->counts.lines, expected->lines);
@@ -89,7 +91,7 @@ static void test_formats_agree(void **state)
             read_good(&file, &memory[k], &import[k]);
             const struct import_mesh *mesh = &import[k].meshes[0], *first = &import[0].meshes[0];
             assert_memory_equal(mesh->positions, first->positions, 12 * mesh->vertex_count);
-            assert_memory_equal(mesh->indices, first->indices, 12 * mesh->triangle_count);
+            assert_memory_equal(mesh->indices, first->indices, 12 * mesh->primitive_count);
         }
         for (uint32_t k = 0; k < PLY_FILE_FORMATS; k++)
             finish(&import[k], &memory[k]);
@@ -129,7 +131,7 @@ static void check_typed(const struct ply_file *file)
     struct import import;
     read_good(file, &memory, &import);
     assert_int_equal(import.meshes[0].vertex_count, 4);
-    assert_int_equal(import.meshes[0].triangle_count, 2);
+    assert_int_equal(import.meshes[0].primitive_count, 2);
     for (int i = 0; i < 12; i++)
         assert_true(import.meshes[0].positions[i] == (float)(i * 10));
     assert_memory_equal(import.meshes[0].indices, corners, sizeof corners);
@@ -234,7 +236,7 @@ static void test_text(void **state)
     assert_true(isnan(p[0]) && p[1] == -INFINITY && p[2] == INFINITY);
     assert_true(p[3] == 1000 && p[4] == 2 && isnan(p[5]));
     assert_true(p[6] == 0.5f && p[7] == 1.5f && p[8] == 0.25f);
-    assert_int_equal(import.meshes[0].triangle_count, 1);
+    assert_int_equal(import.meshes[0].primitive_count, 1);
     finish(&import, &memory);
 }
 
@@ -250,7 +252,7 @@ static void test_ends_of_comments(void **state)
         char body[100];
         snprintf(body, sizeof body, "0 0 0\rcomment\r1 0 0\r0 1 0\r3 0 1 2\r%s", ends[i]);
         read_text(body, &memory, &import);
-        assert_int_equal(import.meshes[0].triangle_count, 1);
+        assert_int_equal(import.meshes[0].primitive_count, 1);
         assert_int_equal(import.counts.extra_bytes, extra[i]);
         finish(&import, &memory);
     }
@@ -320,7 +322,7 @@ static void test_unsigned_restart(void **state)
         ply_file_list(&file, "int", "uint", strip, 7);
         ply_file_end_row(&file);
         read_good(&file, &memory, &import);
-        assert_int_equal(import.meshes[0].triangle_count, 2);
+        assert_int_equal(import.meshes[0].primitive_count, 2);
         assert_memory_equal(import.meshes[0].indices, expected, sizeof expected);
         finish(&import, &memory);
     }
@@ -336,7 +338,7 @@ static void check_corners(const char *faces, uint32_t face_count, const uint32_t
     ply_file_line(&file, "element face %u\nproperty list uchar int vertex_indices\nend_header", face_count);
     ply_file_line(&file, "0 0 0\n1 0 0\n1 1 0\n0 1 0\n%s", faces);
     read_good(&file, &memory, &import);
-    assert_int_equal(import.meshes[0].triangle_count, triangle_count);
+    assert_int_equal(import.meshes[0].primitive_count, triangle_count);
     assert_memory_equal(import.meshes[0].indices, expected, triangle_count * 12);
     finish(&import, &memory);
 }
@@ -385,13 +387,13 @@ static void test_files(void **state)
     fclose(file);
     memory_init(&memory, UINT64_MAX);
     assert_true(ply_is_file(path));
-    assert_int_equal(ply_import(path, &memory, &import, &error), BVHD_OK);
+    assert_int_equal(ply_import(path, &no_points, &memory, &import, &error), BVHD_OK);
     check_sample(&import, &expected);
     finish(&import, &memory);
     remove(path);
     assert_false(ply_is_file(path));
     assert_false(ply_is_file("/tmp"));
-    assert_int_equal(ply_import(path, &memory, &import, &error), BVHD_IO);
+    assert_int_equal(ply_import(path, &no_points, &memory, &import, &error), BVHD_IO);
 }
 
 int main(void)

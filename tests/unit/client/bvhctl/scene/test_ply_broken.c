@@ -10,12 +10,14 @@
 #include "tests/support/random.h"
 #include "tests/support/scene/ply_file.h"
 
+static const struct import_wish no_points;
+
 static enum bvhd_status read_bytes(const void *data, size_t size, struct memory *memory, struct import *ret_import,
                                    struct bvhd_error *error)
 {
     FILE *file = fmemopen((void *)(uintptr_t)data, size, "rb");
     assert_non_null(file);
-    enum bvhd_status status = ply_import_stream(file, size, "x.ply", memory, ret_import, error);
+    enum bvhd_status status = ply_import_stream(file, size, "x.ply", &no_points, memory, ret_import, error);
     fclose(file);
     return status;
 }
@@ -35,8 +37,8 @@ static enum bvhd_status read_any(const void *data, size_t size)
         assert_true(error.text[0]);
     } else {
         const struct import_mesh *mesh = &import.meshes[0];
-        assert_true(mesh->triangle_count > 0 && mesh->vertex_count > 0);
-        for (uint32_t i = 0; i < 3 * mesh->triangle_count; i++)
+        assert_true(mesh->primitive_count > 0 && mesh->vertex_count > 0);
+        for (uint32_t i = 0; i < 3 * mesh->primitive_count; i++)
             assert_true(mesh->indices[i] < mesh->vertex_count);
         import_finish(&import);
     }
@@ -240,7 +242,7 @@ static void expect_stream(struct stream stream, uint64_t size, enum bvhd_status 
     FILE *file = fopencookie(&stream, "rb", (cookie_io_functions_t){.read = read_stream, .seek = seek_stream});
     assert_non_null(file);
     memory_init(&memory, UINT64_MAX);
-    assert_int_equal(ply_import_stream(file, size, "x.ply", &memory, &import, &error), expected);
+    assert_int_equal(ply_import_stream(file, size, "x.ply", &no_points, &memory, &import, &error), expected);
     if (!strstr(error.text, text))
         fail_msg("'%s' instead of '%s'", error.text, text);
     fclose(file);

@@ -155,7 +155,7 @@ static void test_unpacked(void **state)
             const struct import_instance *instance = &world.import.instances[mesh->instance];
             const struct import_mesh *source =
                 &world.import.meshes[world.import.bottoms[instance->bottom].meshes[mesh->geometry]];
-            assert_int_equal(mesh->primitive_count, source->triangle_count);
+            assert_int_equal(mesh->primitive_count, source->primitive_count);
             assert_memory_equal(mesh->transform, instance->transform, sizeof instance->transform);
             for (uint32_t i = 0; i < 3 * mesh->primitive_count; i++)
                 assert_memory_equal(mesh->positions + 3 * i, source->positions + 3 * source->indices[i],

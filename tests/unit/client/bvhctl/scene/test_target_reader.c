@@ -34,13 +34,13 @@ static void test_rows(void **state)
 static void check_triangles(const struct structure *bottom, const struct import_mesh *mesh)
 {
     assert_int_equal(bottom->content, CONTENT_TRIANGLES);
-    assert_int_equal(structure_triangle_count(bottom), mesh->triangle_count);
+    assert_int_equal(structure_triangle_count(bottom), mesh->primitive_count);
     assert_int_equal(structure_instance_count(bottom), 0);
     for (uint32_t row = 0; row < structure_triangle_count(bottom); row++) {
         float corners[3][3];
         uint32_t primitive;
         structure_triangle(bottom, row, corners, &primitive);
-        assert_in_range(primitive, 0, mesh->triangle_count - 1);
+        assert_in_range(primitive, 0, mesh->primitive_count - 1);
         for (int i = 0; i < 3; i++)
             assert_memory_equal(corners[i], mesh->positions + 3 * mesh->indices[3 * primitive + (unsigned)i],
                                 sizeof corners[i]);

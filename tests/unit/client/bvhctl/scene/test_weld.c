@@ -15,7 +15,7 @@ static struct import make_import(struct memory *memory, const float *positions, 
     import.meshes = memory_alloc(memory, sizeof *import.meshes);
     assert_non_null(import.meshes);
     struct import_mesh *mesh = import.meshes;
-    *mesh = (struct import_mesh){.vertex_count = vertices, .triangle_count = triangles};
+    *mesh = (struct import_mesh){.vertex_count = vertices, .primitive_count = triangles};
     mesh->positions = memory_array(memory, vertices + 1, 12);
     mesh->indices = memory_array(memory, triangles + 1, 12);
     assert_true(mesh->positions && mesh->indices);
@@ -35,7 +35,7 @@ static void test_places(void **state)
     struct import import = make_import(&memory, positions[0], 8, indices, 3);
     assert_true(weld_import(&import));
     assert_int_equal(import.meshes[0].vertex_count, 5);
-    assert_int_equal(import.meshes[0].triangle_count, 3);
+    assert_int_equal(import.meshes[0].primitive_count, 3);
     assert_memory_equal(import.meshes[0].indices, expected, sizeof expected);
     assert_memory_equal(import.meshes[0].positions + 9, positions[4], 12);
     import_finish(&import);
