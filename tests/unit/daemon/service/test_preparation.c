@@ -269,6 +269,28 @@ static void test_bounds_of_top_levels_hold(void **state)
     free(records);
 }
 
+/* Each of many geometries takes what its tables take, of whatever kind it is. */
+static void test_bounds_of_many_geometries_hold(void **state)
+{
+    (void)state;
+    enum { MANY = 20000 };
+    struct geometry *geometries = calloc(MANY, sizeof *geometries);
+    assert_non_null(geometries);
+    for (size_t maker = 0; maker < sizeof makers / sizeof *makers; maker++) {
+        struct test_input test;
+        makers[maker](&test);
+        if (test.input.type != STRUCTURE_BOTTOM)
+            continue;
+        for (int i = 0; i < MANY; i++)
+            geometries[i] = test.geometries[0];
+        test.input.geometries = geometries;
+        test.input.geometry_count = MANY;
+        for (test.input.flags = 0; test.input.flags <= BUILD_ALLOW_UPDATE; test.input.flags++)
+            check_bound(&test.input);
+    }
+    free(geometries);
+}
+
 /* An ordinary payload does not need more than is promised at first. */
 static void test_the_guess_suits_ordinary_payloads(void **state)
 {
@@ -533,6 +555,7 @@ int main(void)
         TEST(test_bounds_hold),
         TEST(test_the_guess_suits_round_primitives),
         TEST(test_bounds_of_swept_spheres_hold),
+        TEST(test_bounds_of_many_geometries_hold),
         TEST(test_bounds_of_top_levels_hold),
         TEST(test_the_guess_suits_ordinary_payloads),
         TEST(test_the_guess_suits_meshes_without_indices_and_top_levels),
