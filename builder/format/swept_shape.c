@@ -79,6 +79,12 @@ static enum part part_of(const struct shape *shape, unsigned caps)
     return shape->square <= square * (1 + 0x1p-40) ? ANY_PART : CONE;
 }
 
+/* What the tangent circles of both ends have in common, with the letters of add_end(). */
+struct cone {
+    double s, circle; /* the radius of an end's circle, as a share of the end's own */
+    double d[3], across[3]; /* the root of 1 - d[k]^2 */
+};
+
 /*
  * Adds what an end reaches along the axes: the reach of its sphere where the extreme point belongs to its cap, and that
  * of its tangent circle otherwise, which bounds the cap and the side.
@@ -94,15 +100,13 @@ static enum part part_of(const struct shape *shape, unsigned caps)
  * has a relative error below 7, and the circle's reach with the products one below 12. The last sums add at most |p[k]|
  * + 3 r. Together this is below 32 u (|p[k]| + r).
  */
-static void add_end(const struct shape *shape, int end, bool has_cap, struct box *box)
+static void add_end(const struct shape *shape, const struct cone *cone, int end, bool has_cap, struct box *box)
 {
     const float *p = shape->ends[end];
-    const double length = sqrt(shape->square), s = shape->difference / length, radius = p[3];
-    const double circle = radius * sqrt(fmax(1 - s * s, 0) + 0x1p-48);
+    const double s = cone->s, radius = p[3], circle = radius * cone->circle;
     for (int axis = 0; axis < 3; axis++) {
-        const double d = shape->along[axis] / length, centre = p[axis] + radius * s * d;
-        const double others = shape->squares[(axis + 1) % 3] + shape->squares[(axis + 2) % 3];
-        const double reach = circle * sqrt(others / shape->square) + (fabs(p[axis]) + radius) * 0x1p-48;
+        const double d = cone->d[axis], centre = p[axis] + radius * s * d;
+        const double reach = circle * cone->across[axis] + (fabs(p[axis]) + radius) * 0x1p-48;
         const double beyond = end == 0 ? s : -s, up = end == 0 ? d : -d; /* signed so that up <= beyond is the cap */
         const float low = -sum_up(-p[axis], p[3]), high = sum_up(p[axis], p[3]);
         const float circle_low = round_down(centre - reach), circle_high = round_up(centre + reach);
@@ -111,6 +115,19 @@ static void add_end(const struct shape *shape, int end, bool has_cap, struct box
         box->min[axis] = min < box->min[axis] ? min : box->min[axis];
         box->max[axis] = max > box->max[axis] ? max : box->max[axis];
     }
+}
+
+static void add_cone(const struct shape *shape, unsigned caps, struct box *box)
+{
+    const double length = sqrt(shape->square), s = shape->difference / length;
+    struct cone cone = {.s = s, .circle = sqrt(fmax(1 - s * s, 0) + 0x1p-48)};
+    for (int axis = 0; axis < 3; axis++) {
+        const double others = shape->squares[(axis + 1) % 3] + shape->squares[(axis + 2) % 3];
+        cone.d[axis] = shape->along[axis] / length;
+        cone.across[axis] = sqrt(others / shape->square);
+    }
+    add_end(shape, &cone, 0, caps & SWEPT_SHAPE_CAP_FIRST, box);
+    add_end(shape, &cone, 1, caps & SWEPT_SHAPE_CAP_SECOND, box);
 }
 
 struct box swept_shape_box(const float first[4], const float second[4], unsigned caps)
@@ -125,10 +142,8 @@ struct box swept_shape_box(const float first[4], const float second[4], unsigned
         add_sphere(shape.ends[0], &box);
     if (part == SECOND_SPHERE || part == ANY_PART)
         add_sphere(shape.ends[1], &box);
-    if (part == CONE) {
-        add_end(&shape, 0, caps & SWEPT_SHAPE_CAP_FIRST, &box);
-        add_end(&shape, 1, caps & SWEPT_SHAPE_CAP_SECOND, &box);
-    }
+    if (part == CONE)
+        add_cone(&shape, caps, &box);
     return box;
 }
 
