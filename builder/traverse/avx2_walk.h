@@ -24,6 +24,7 @@ struct avx2_walk {
     struct boxtest_ray boxes;
     struct boxtest_scales scales; /* for unpacked nodes */
     struct triangle_avx2_ray triangles;
+    bool has_triangles; /* `triangles` and the state's triangle_ray are prepared */
 };
 
 /*
@@ -35,6 +36,34 @@ static inline bool avx2_walk_can_unpack(const struct traverse_state *state)
     return state->ray->tmin >= 0 && !state->options->candidate;
 }
 
+/* Prepares a ray in world space for triangles. */
+BOXTEST_AVX2_INLINE void avx2_walk_init_triangles(struct avx2_walk *walk)
+{
+    const struct ray *ray = walk->state->ray;
+    triangle_avx2_init(_mm_loadu_ps(ray->origin), _mm_loadu_ps(ray->direction), &walk->state->triangle_ray,
+                       &walk->triangles);
+    walk->has_triangles = true;
+}
+
+/*
+ * Prepares a plain ray in world space, of which the state is settled, for unpacked nodes, but not yet for triangles: a
+ * fifth of the work, which many rays do not need. Returns false if boxes have to be tested in another way.
+ */
+BOXTEST_AVX2_INLINE bool avx2_walk_init_nodes(struct avx2_walk *walk, struct traverse_state *state,
+                                              const struct portable_view *view, const struct unpacked_node *unpacked)
+{
+    const struct ray *ray = state->ray;
+    walk->state = state;
+    walk->view = view;
+    walk->unpacked = unpacked;
+    walk->has_triangles = false;
+    if (!setup_floats(_mm_loadu_ps(ray->origin), _mm_loadu_ps(ray->direction), ray->tmin, view->header->bounds,
+                      &walk->boxes))
+        return false;
+    walk->scales = unpacked_scales(&walk->boxes);
+    return true;
+}
+
 /*
  * Prepares a ray in world space, of which the state is settled. Returns false if boxes have to be tested in another
  * way.
@@ -42,13 +71,14 @@ static inline bool avx2_walk_can_unpack(const struct traverse_state *state)
 BOXTEST_AVX2_INLINE bool avx2_walk_init(struct avx2_walk *walk, struct traverse_state *state,
                                         const struct portable_view *view, const struct unpacked_node *unpacked)
 {
-    const __m128 origin = _mm_loadu_ps(state->ray->origin), direction = _mm_loadu_ps(state->ray->direction);
+    const struct ray *ray = state->ray;
     walk->state = state;
     walk->view = view;
     walk->unpacked = avx2_walk_can_unpack(state) ? unpacked : NULL;
-    if (!setup_floats(origin, direction, state->ray->tmin, view->header->bounds, &walk->boxes))
+    if (!setup_floats(_mm_loadu_ps(ray->origin), _mm_loadu_ps(ray->direction), ray->tmin, view->header->bounds,
+                      &walk->boxes))
         return false;
-    triangle_avx2_init(origin, direction, &state->triangle_ray, &walk->triangles);
+    avx2_walk_init_triangles(walk);
     if (walk->unpacked)
         walk->scales = unpacked_scales(&walk->boxes);
     return true;
@@ -64,6 +94,7 @@ BOXTEST_AVX2_INLINE bool avx2_walk_init_object(struct avx2_walk *walk, struct tr
     if (!boxtest_init_avx2(state->origin, state->direction, state->ray->tmin, view->header->bounds, &walk->boxes))
         return false;
     triangle_avx2_spread(&state->triangle_ray, &walk->triangles);
+    walk->has_triangles = true;
     if (walk->unpacked)
         walk->scales = unpacked_scales(&walk->boxes);
     return true;

@@ -43,6 +43,12 @@ struct ray {
     uint32_t cull_mask; /* bits 7 .. 0: instances with mask & cull_mask == 0 are invisible */
 };
 
+/* Returns whether nothing about the ray's flags or interval is unusual, so that the fastest ways can take it. */
+static inline bool ray_is_plain(const struct ray *ray)
+{
+    return !(ray->flags & ~(uint32_t)RAY_TERMINATE_ON_FIRST_HIT) && ray->tmin >= 0 && ray->tmin <= ray->tmax;
+}
+
 /* A hit. It may alias, so that the library fills hits of a program in their place. */
 struct __attribute__((may_alias)) ray_hit {
     float t; /* t, u, v are computed in double and rounded once */

@@ -56,14 +56,15 @@ static void visit_nodes(struct traverse_walk *walk, const struct leaf_kind *kind
     }
 }
 
+enum { UNPACKED_NODES_MAX = 1 << 15 };
+
 /*
  * Returns the unpacked nodes that a single ray is to use. Those of a large structure miss the caches more often than
  * the portable ones, which costs single rays more than they gain.
  */
 static inline const struct unpacked_node *unpacked_of(const struct scene *scene, uint32_t bottom)
 {
-    enum { NODES_MAX = 1 << 15 };
-    if (!scene->unpacked || scene->bottoms[bottom]->header->node_count > NODES_MAX)
+    if (!scene->unpacked || scene->bottoms[bottom]->header->node_count > UNPACKED_NODES_MAX)
         return NULL;
     return scene->unpacked[bottom];
 }
@@ -125,10 +126,39 @@ static inline bool has_avx2(void)
     return is == YES;
 }
 
+void traverse_settle(struct scene *scene)
+{
+    scene->is_simple = false;
+    if (scene->top || scene->bottom_count == 0 || !scene->bottoms[0] || !unpacked_of(scene, 0))
+        return;
+    const struct portable_header *header = scene->bottoms[0]->header;
+    scene->is_simple = header->content == PORTABLE_TRIANGLES && header->node_count > 0 && has_avx2();
+}
+
+/*
+ * Traces a plain ray through a simple scene. Returns false if it needs the general way, else *is_hit. The general way
+ * would decide for each ray what is decided for the scene, which takes as long as a ray that leaves it at once.
+ */
+static inline bool trace_simply(const struct scene *scene, const struct ray *ray, struct ray_hit *ret_hit,
+                                struct traverse_counters *counters, bool *is_hit)
+{
+    struct traverse_walk walk;
+    traverse_state_begin(&walk.state, ray, NULL);
+    traverse_walk_begin(&walk, scene);
+    traverse_state_settle_plain(&walk.state);
+    if (!traverse_avx2_plain(&walk.state, scene->bottoms[0], scene->unpacked[0]))
+        return false;
+    *is_hit = traverse_state_finish(&walk.state, ret_hit, counters);
+    return true;
+}
+
 bool traverse(const struct scene *scene, const struct ray *ray, const struct traverse_options *options,
               struct ray_hit *ret_hit, struct traverse_counters *counters)
 {
     struct traverse_walk walk;
+    bool is_hit;
+    if (scene->is_simple && !options && ray_is_plain(ray) && trace_simply(scene, ray, ret_hit, counters, &is_hit))
+        return is_hit;
     if (!traverse_state_begin(&walk.state, ray, options))
         return false;
     traverse_walk_begin(&walk, scene);

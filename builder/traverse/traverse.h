@@ -36,6 +36,7 @@ struct scene {
      */
     const struct unpacked_node *const *unpacked;
     const struct unpacked_node *unpacked_top; /* the nodes of the top level, or NULL */
+    bool is_simple; /* set by traverse_settle(), for a shorter way of plain rays; may stay false */
 };
 
 /* The any-hit decision about a candidate: whether it counts, and whether the ray ends. */
@@ -84,6 +85,12 @@ struct traverse_counters {
  */
 bool traverse(const struct scene *scene, const struct ray *ray, const struct traverse_options *options,
               struct ray_hit *ret_hit, struct traverse_counters *counters);
+
+/*
+ * Finds out whether the scene is simple: one unpacked structure of triangles without a top level, on a machine with
+ * AVX2. Called once, when the other fields are set.
+ */
+void traverse_settle(struct scene *scene);
 
 /* Fetches the object-space corners of the triangle that was hit, exactly as stored. Not for AABBs. */
 void traverse_positions(const struct scene *scene, const struct ray_hit *hit, float ret_corners[3][3]);

@@ -15,7 +15,7 @@ enum { INDEXED_ROWS = 1, STORED_ROWS = 3 };
  * Tests the records whose bits are set, counted from `first`. Returns false if the ray is finished. It is compiled once
  * for each value of is_indexed.
  */
-BOXTEST_AVX2_INLINE bool meet_records(const struct avx2_walk *walk, uint32_t first, uint32_t bits, bool is_indexed)
+BOXTEST_AVX2_INLINE bool meet_records(struct avx2_walk *walk, uint32_t first, uint32_t bits, bool is_indexed)
 {
     const struct portable_view *view = walk->view;
     struct traverse_state *state = walk->state;
@@ -36,16 +36,24 @@ BOXTEST_AVX2_INLINE bool meet_records(const struct avx2_walk *walk, uint32_t fir
     return true;
 }
 
-BOXTEST_AVX2_INLINE bool meet(const struct avx2_walk *walk, uint32_t first, uint32_t bits, bool is_indexed)
+BOXTEST_AVX2_INLINE bool meet(struct avx2_walk *walk, uint32_t first, uint32_t bits, bool is_indexed)
 {
     return is_indexed ? meet_records(walk, first, bits, true) : meet_records(walk, first, bits, false);
+}
+
+/* Does the same for stored triangles; `is_lazy` says that the ray may not be prepared for triangles yet. */
+BOXTEST_AVX2_INLINE bool meet_stored(struct avx2_walk *walk, uint32_t first, uint32_t bits, bool is_lazy)
+{
+    if (is_lazy && !walk->has_triangles)
+        avx2_walk_init_triangles(walk);
+    return meet_records(walk, first, bits, false);
 }
 
 /*
  * Goes slot by slot, not by the bits that are set: the processor can then fetch a predicted leaf before its box test is
  * decided. Returns false if the ray is finished.
  */
-BOXTEST_AVX2_INLINE bool meet_leaves(const struct avx2_walk *walk, const struct portable_node *node, unsigned leaves,
+BOXTEST_AVX2_INLINE bool meet_leaves(struct avx2_walk *walk, const struct portable_node *node, unsigned leaves,
                                      bool is_indexed)
 {
     for (unsigned slot = 0; slot < 8; slot++) {
@@ -57,12 +65,13 @@ BOXTEST_AVX2_INLINE bool meet_leaves(const struct avx2_walk *walk, const struct 
 }
 
 /* Does the same for an unpacked node. */
-BOXTEST_AVX2_INLINE bool meet_unpacked_leaves(const struct avx2_walk *walk, const struct unpacked_node *node,
-                                              unsigned leaves)
+BOXTEST_AVX2_INLINE bool meet_unpacked_leaves(struct avx2_walk *walk, const struct unpacked_node *node, unsigned leaves,
+                                              bool is_lazy)
 {
     for (unsigned slot = 0; slot < 8; slot++) {
         const uint32_t child = node->children[slot];
-        if (leaves >> slot & 1 && !meet(walk, child & CHILD_INDEX_MASK, (2u << (child >> CHILD_KIND_SHIFT)) - 1, false))
+        const uint32_t bits = (2u << (child >> CHILD_KIND_SHIFT)) - 1;
+        if (leaves >> slot & 1 && !meet_stored(walk, child & CHILD_INDEX_MASK, bits, is_lazy))
             return false;
     }
     return true;
@@ -115,7 +124,7 @@ BOXTEST_AVX2 void traverse_avx2_any_instances(struct traverse_walk *walk, const 
     }
 }
 
-BOXTEST_AVX2 void avx2_walk_any(struct avx2_walk *walk, uint32_t start)
+BOXTEST_AVX2_INLINE void find_any_unpacked(struct avx2_walk *walk, uint32_t start, bool is_lazy)
 {
     const struct unpacked_node *nodes = walk->unpacked;
     uint32_t stack[AVX2_STACK_SIZE], *top = stack;
@@ -129,12 +138,17 @@ BOXTEST_AVX2 void avx2_walk_any(struct avx2_walk *walk, uint32_t start)
         if (hits == 0)
             continue;
         const unsigned inners = inner_slots(node), leaves = hits & ~inners, inner = hits & inners;
-        if (leaves != 0 && !meet_unpacked_leaves(walk, node, leaves))
+        if (leaves != 0 && !meet_unpacked_leaves(walk, node, leaves, is_lazy))
             break;
         if (inner != 0)
             top = push_unpacked_inner(nodes, node, inner, walk->boxes.backward, top);
     }
     walk->state->counters.nodes += visited;
+}
+
+BOXTEST_AVX2 void avx2_walk_any(struct avx2_walk *walk, uint32_t start)
+{
+    find_any_unpacked(walk, start, false);
 }
 
 /* Tests a node; pushes the children that are met but the nearest, which it returns in *ret_child. */
@@ -162,7 +176,7 @@ BOXTEST_AVX2_INLINE bool open_unpacked(const struct avx2_walk *walk, uint32_t in
     return hits != 0;
 }
 
-BOXTEST_AVX2_INLINE void find_closest_in(struct avx2_walk *walk, uint32_t child, bool is_unpacked)
+BOXTEST_AVX2_INLINE void find_closest_in(struct avx2_walk *walk, uint32_t child, bool is_unpacked, bool is_lazy)
 {
     const bool is_indexed = !is_unpacked && walk->view->header->content == PORTABLE_INDEXED_TRIANGLES;
     const uintptr_t record_rows = is_indexed ? INDEXED_ROWS : STORED_ROWS;
@@ -174,7 +188,8 @@ BOXTEST_AVX2_INLINE void find_closest_in(struct avx2_walk *walk, uint32_t child,
             if (is_unpacked ? open_unpacked(walk, index, record_rows, &top, &child)
                             : open_node(walk, index, record_rows, &top, &child))
                 continue;
-        } else if (!meet(walk, index, (2u << kind) - 1, is_indexed)) {
+        } else if (is_unpacked ? !meet_stored(walk, index, (2u << kind) - 1, is_lazy)
+                               : !meet(walk, index, (2u << kind) - 1, is_indexed)) {
             break;
         }
         if (!pop_child(walk, stack, &top, &child))
@@ -185,12 +200,12 @@ BOXTEST_AVX2_INLINE void find_closest_in(struct avx2_walk *walk, uint32_t child,
 
 BOXTEST_AVX2 static void find_closest(struct avx2_walk *walk)
 {
-    find_closest_in(walk, CHILD_ROOT, false);
+    find_closest_in(walk, CHILD_ROOT, false, false);
 }
 
 BOXTEST_AVX2 void avx2_walk_closest(struct avx2_walk *walk, uint32_t child)
 {
-    find_closest_in(walk, child, true);
+    find_closest_in(walk, child, true, false);
 }
 
 BOXTEST_AVX2 bool avx2_walk_on_closest(struct avx2_walk *walk, struct avx2_cursor *cursor)
@@ -265,6 +280,21 @@ BOXTEST_AVX2 bool traverse_avx2_triangles(struct traverse_state *state, const st
     return true;
 }
 
+BOXTEST_AVX2 bool traverse_avx2_plain(struct traverse_state *state, const struct portable_view *view,
+                                      const struct unpacked_node *unpacked)
+{
+    struct avx2_walk walk;
+    if (!avx2_walk_init_nodes(&walk, state, view, unpacked))
+        return false;
+    if (state->ray->flags & RAY_TERMINATE_ON_FIRST_HIT) {
+        avx2_walk_init_triangles(&walk);
+        find_any_unpacked(&walk, 0, false);
+    } else {
+        find_closest_in(&walk, CHILD_ROOT, true, true);
+    }
+    return true;
+}
+
 BOXTEST_AVX2 bool traverse_avx2_world(struct traverse_state *state, const struct portable_view *view,
                                       const struct unpacked_node *unpacked)
 {
@@ -292,6 +322,12 @@ bool traverse_avx2_triangles(struct traverse_state *state, const struct portable
 }
 
 bool traverse_avx2_world(struct traverse_state *state, const struct portable_view *view,
+                         const struct unpacked_node *unpacked)
+{
+    return traverse_avx2_triangles(state, view, unpacked);
+}
+
+bool traverse_avx2_plain(struct traverse_state *state, const struct portable_view *view,
                          const struct unpacked_node *unpacked)
 {
     return traverse_avx2_triangles(state, view, unpacked);

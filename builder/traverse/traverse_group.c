@@ -73,11 +73,6 @@ static void trace_packet(struct group *group, const uint8_t *indices, unsigned c
     }
 }
 
-static bool is_plain(const struct ray *ray)
-{
-    return !(ray->flags & ~(uint32_t)RAY_TERMINATE_ON_FIRST_HIT) && ray->tmin >= 0 && ray->tmin <= ray->tmax;
-}
-
 /* Returns the kind of a plain ray: the signs of its direction, and whether it searches any hit. */
 static unsigned kind_of(const struct ray *ray)
 {
@@ -206,12 +201,13 @@ static uint64_t choose_turns(const struct group *group, uint64_t plain)
     return closest;
 }
 
-bool traverse_next_alone(struct traverse_stream *stream)
+uint64_t traverse_next_alone(struct traverse_stream *stream, uint64_t most)
 {
     if (stream->alone == 0 || turns_pay(stream->scene, false))
-        return false;
-    stream->alone--;
-    return true;
+        return 0;
+    const uint32_t count = most < stream->alone ? (uint32_t)most : stream->alone;
+    stream->alone -= count;
+    return count;
 }
 
 uint64_t traverse_group(struct traverse_stream *stream, const struct ray *rays, uint32_t count,
@@ -225,7 +221,7 @@ uint64_t traverse_group(struct traverse_stream *stream, const struct ray *rays, 
         return group.is_hit;
     }
     for (uint32_t i = 0; i < count; i++)
-        plain |= (uint64_t)is_plain(&rays[i]) << i;
+        plain |= (uint64_t)ray_is_plain(&rays[i]) << i;
     left = all & ~plain;
     if (stream->alone == 0)
         plain = trace_packets(&group, count, plain);

@@ -32,10 +32,10 @@ struct packet_work {
 bool traverse_groups_pay(const struct traverse_stream *stream);
 
 /*
- * Returns whether the next ray is best given to traverse(), because packets did not pay for those before it. Then it
- * counts that ray.
+ * Returns how many of the next rays, of which there are `most`, are best given to traverse() one by one, because
+ * packets did not pay for those before them. They then count as given.
  */
-bool traverse_next_alone(struct traverse_stream *stream);
+uint64_t traverse_next_alone(struct traverse_stream *stream, uint64_t most);
 
 /*
  * Traces up to TRAVERSE_GROUP rays as traverse() does each of them. Returns bit i if ray i hits; then ret_hits[i] is

@@ -57,6 +57,13 @@ bool traverse_avx2_world(struct traverse_state *state, const struct portable_vie
                          const struct unpacked_node *unpacked);
 
 /*
+ * Does the same as traverse_avx2_world() for a plain ray and an unpacked structure of stored triangles, with less
+ * preparation.
+ */
+bool traverse_avx2_plain(struct traverse_state *state, const struct portable_view *view,
+                         const struct unpacked_node *unpacked);
+
+/*
  * Finds any hit in a non-empty top level in world space with AVX2: the leaves of a node first, then its inner children
  * farthest along the ray's octant, which is an order that packets can have, too.
  */

@@ -72,6 +72,7 @@ static bool make_walk(struct bvhd_cpu_scene *scene)
         .unpacked = scene->unpacked,
         .unpacked_top = top ? top->unpacked : NULL,
     };
+    traverse_settle(&scene->walk.portable);
     return true;
 }
 

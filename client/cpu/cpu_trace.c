@@ -239,19 +239,30 @@ static inline void trace_ray(const struct bvhd_cpu_scene *scene, const struct ra
     write_hit(to, is_hit ? &hit : &miss, hit_size);
 }
 
-/* Traces the next ray. Returns false if it is not sound. */
-static bool trace_one(const struct bvhd_cpu_scene *scene, struct tracing *tracing,
-                      const struct traverse_options *options, struct traverse_counters *counters)
+/* Traces the next ray. Returns false if it is not sound. `options` is NULL for the default. */
+static inline bool trace_one(const struct bvhd_cpu_scene *scene, struct tracing *tracing,
+                             const struct traverse_options *options, struct traverse_counters *counters)
 {
     struct ray ray;
-    struct candidate_ray *asking = options->context;
     if (!read_ray(tracing->trace, tracing->from, &ray))
         return false;
-    asking->at = tracing->from;
-    asking->index = tracing->index;
+    if (options) {
+        struct candidate_ray *asking = options->context;
+        asking->at = tracing->from;
+        asking->index = tracing->index;
+    }
     trace_ray(scene, &ray, options, tracing->to, tracing->trace->hit_size, counters);
     advance(tracing, 1);
     return true;
+}
+
+/* Traces the next rays one by one. Returns false if one is not sound; those before it are traced. */
+static bool trace_singly(const struct bvhd_cpu_scene *scene, struct tracing *tracing, uint64_t count,
+                         const struct traverse_options *options, struct traverse_counters *counters)
+{
+    while (count > 0 && trace_one(scene, tracing, options, counters))
+        count--;
+    return count == 0;
 }
 
 /* Traces the only ray of a call without options, for which preparing the call would cost as much as the ray. */
@@ -316,12 +327,15 @@ __attribute__((noinline)) static uint64_t trace_all(const struct bvhd_cpu_scene 
         .context = &asking,
         .flip_order = trace->flags & BVHD_CPU_TRACE_FLIP_ORDER,
     };
-    struct traverse_stream stream = {.scene = &scene->walk.portable, .options = &options, .counters = counters};
+    const struct traverse_options *given = options.candidate || options.flip_order ? &options : NULL;
+    struct traverse_stream stream = {.scene = &scene->walk.portable, .options = given, .counters = counters};
     const bool are_many = trace->ray_count > 1 && scene->target == &cpu_portable && traverse_groups_pay(&stream);
     bool is_sound = true;
-    while (is_sound && tracing.index < trace->ray_count)
-        is_sound = are_many && !traverse_next_alone(&stream) ? trace_some(&tracing, &stream)
-                                                             : trace_one(scene, &tracing, &options, counters);
+    while (is_sound && tracing.index < trace->ray_count) {
+        const uint64_t left = trace->ray_count - tracing.index;
+        const uint64_t alone = are_many ? traverse_next_alone(&stream, left) : left;
+        is_sound = alone > 0 ? trace_singly(scene, &tracing, alone, given, counters) : trace_some(&tracing, &stream);
+    }
     return tracing.index;
 }
 

@@ -132,6 +132,7 @@ static void bed_unpack(struct bed *bed)
     bed->unpacked.bottoms = bed->bottoms;
     bed->unpacked.unpacked = (const struct unpacked_node *const *)bed->nodes;
     bed->unpacked.unpacked_top = bed->top;
+    traverse_settle(&bed->unpacked);
 }
 
 static void bed_open(struct bed *bed, shape_function shape, uint32_t flags, enum build_quality quality)
@@ -391,7 +392,7 @@ static uint32_t rays_until_alone(const struct bed *bed, const struct ray rays[RA
     struct ray_hit hits[TRAVERSE_GROUP];
     uint32_t traced = 0;
     *ret_stream = (struct traverse_stream){.scene = &bed->unpacked};
-    while (traced < RAYS && !traverse_next_alone(ret_stream)) {
+    while (traced < RAYS && traverse_next_alone(ret_stream, 1) == 0) {
         traverse_group(ret_stream, rays + traced, TRAVERSE_GROUP, hits);
         traced += TRAVERSE_GROUP;
     }
@@ -420,10 +421,11 @@ static void rays_without_coherence_go_alone(void **state)
             rays[i].direction[axis] = (float)direction[axis];
         }
     }
-    uint32_t alone = 1;
+    uint64_t alone = 1;
     assert_true((rays_until_alone(&bed, rays, &stream) < RAYS) == is_possible);
-    while (traverse_next_alone(&stream))
-        alone++;
+    alone += traverse_next_alone(&stream, 100);
+    assert_int_equal(alone, is_possible ? 101 : 1);
+    alone += traverse_next_alone(&stream, UINT64_MAX);
     assert_true(!is_possible || (alone > RAYS && stream.pause == alone));
     for (uint32_t i = 0; i < RAYS; i++)
         rays[i] = (struct ray){.origin = {0, 0, -30},
