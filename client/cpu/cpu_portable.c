@@ -117,6 +117,19 @@ static bool get_corners(const struct bvhd_cpu_scene *scene, const struct ray_hit
     return true;
 }
 
+static bool get_ends(const struct bvhd_cpu_scene *scene, const struct ray_hit *hit, float ret_ends[2][4])
+{
+    const struct portable_view *view = &scene->structures[hit->handle].view.portable;
+    const bool is_swept = view->header->content == PORTABLE_SWEPT_SPHERES;
+    if ((!is_swept && view->header->content != PORTABLE_SPHERES) || hit->record >= view->header->record_count)
+        return false;
+    const struct portable_round *round = (const struct portable_round *)view->records + hit->record;
+    const float *vertex = view->vertices + (uint64_t)4 * round->vertex;
+    memcpy(ret_ends[0], vertex, sizeof ret_ends[0]);
+    memcpy(ret_ends[1], is_swept ? vertex + 4 : vertex, sizeof ret_ends[1]);
+    return true;
+}
+
 static void get_matrix(const struct cpu_structure *top, uint32_t record, float ret_matrix[12])
 {
     memcpy(ret_matrix, instance_at(top, record)->object_to_world, sizeof(float[12]));
@@ -133,5 +146,6 @@ const struct cpu_target cpu_portable = {
     .bottom = bottom,
     .bounds = get_bounds,
     .corners = get_corners,
+    .ends = get_ends,
     .object_to_world = get_matrix,
 };

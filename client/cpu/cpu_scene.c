@@ -292,6 +292,20 @@ enum bvhd_status bvhd_cpu_scene_corners(const struct bvhd_cpu_scene *scene, cons
     return BVHD_OK;
 }
 
+enum bvhd_status bvhd_cpu_scene_ends(const struct bvhd_cpu_scene *scene, const struct bvhd_cpu_hit *hit,
+                                     float ret_ends[2][4], struct bvhd_error *ret_error)
+{
+    enum bvhd_status status = ARGUMENTS_CHECK(ret_error, {ret_ends, "ret_ends"});
+    if (status == BVHD_OK)
+        status = check_hit(scene, hit, ret_error);
+    if (status != BVHD_OK)
+        return status;
+    const struct ray_hit inner = {.handle = hit->blob, .record = hit->record};
+    if (!scene->target->ends || !scene->target->ends(scene, &inner, ret_ends))
+        return bvhd_error_set(ret_error, BVHD_INVALID, "hit.record", "no sphere of this scene");
+    return BVHD_OK;
+}
+
 enum bvhd_status bvhd_cpu_scene_positions(const struct bvhd_cpu_scene *scene, uint32_t blob, uint32_t geometry,
                                           uint32_t primitive, float ret_positions[3][3], struct bvhd_error *ret_error)
 {

@@ -64,6 +64,8 @@ struct cpu_target {
     void (*bounds)(const struct cpu_structure *structure, float ret_bounds[6]);
     /* Returns false if there is no such triangle. */
     bool (*corners)(const struct bvhd_cpu_scene *scene, const struct ray_hit *hit, float ret_corners[3][3]);
+    /* Returns false if there is no such sphere or linear swept sphere. NULL: the target has none. */
+    bool (*ends)(const struct bvhd_cpu_scene *scene, const struct ray_hit *hit, float ret_ends[2][4]);
     /* Gives the transform of an instance, by a record below instance_count. */
     void (*object_to_world)(const struct cpu_structure *top, uint32_t record, float ret_matrix[12]);
 };

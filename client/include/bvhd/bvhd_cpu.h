@@ -262,6 +262,15 @@ BVHD_API enum bvhd_status bvhd_cpu_scene_corners(const struct bvhd_cpu_scene *sc
                                                  float ret_corners[3][3], struct bvhd_error *ret_error);
 
 /*
+ * Gives the ends of the linear swept sphere of a hit, exactly as built, in the space of its bottom level: of each the
+ * centre and the radius. Those of a sphere are the same. There, the normal of the surface is the way to the point that
+ * was hit from (1 - u) * end 0 + u * end 1. Returns BVHD_INVALID if the hit is not one of this scene, or is no sphere
+ * and no linear swept sphere.
+ */
+BVHD_API enum bvhd_status bvhd_cpu_scene_ends(const struct bvhd_cpu_scene *scene, const struct bvhd_cpu_hit *hit,
+                                              float ret_ends[2][4], struct bvhd_error *ret_error);
+
+/*
  * Gives the corners of a triangle without a hit: by its bottom level, the number of its geometry, and its number there.
  * A portable structure must have been built with ALLOW_DATA_ACCESS, for which its scene holds 4 bytes more for each
  * triangle; a native one does not tell its flags, and needs none. The positions and the places "geometry" and

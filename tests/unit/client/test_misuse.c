@@ -366,8 +366,8 @@ static void geometries(void)
     BUILD(DATA.sType = 0, 0, BVHD_INVALID, "infos[0].geometries[0].triangles.sType", "sType is 0, not VK_STRUCTURE");
     BUILD(world.geometries[0].geometryType = (VkGeometryTypeKHR)9, 0, BVHD_INVALID,
           "infos[0].geometries[0].geometryType", "geometryType is 9, which is no VkGeometryTypeKHR");
-    BUILD(world.geometries[0].geometryType = (VkGeometryTypeKHR)1000429004, 0, BVHD_UNSUPPORTED,
-          "infos[0].geometries[0].geometryType", "VK_GEOMETRY_TYPE_SPHERES_NV is not supported");
+    BUILD(world.geometries[0].geometryType = (VkGeometryTypeKHR)1000478000, 0, BVHD_UNSUPPORTED,
+          "infos[0].geometries[0].geometryType", "DENSE_GEOMETRY_FORMAT_TRIANGLES_AMDX is not supported");
     BUILD(world.geometries[0].flags = 0x100, 0, BVHD_INVALID, "infos[0].geometries[0].flags", "unknown bits 0x100");
     BUILD((world.infos[1].geometryCount = 3, world.range_pointers[1] = &world.ranges[0],
            world.geometries[2] = world.geometries[0]),
@@ -459,7 +459,7 @@ static void traced(const struct bvhd_cpu_blob *blob)
                                          .hit_size = sizeof hits[0],
                                          .ray_count = 1};
     struct bvhd_cpu_trace trace;
-    float numbers[12], corners[3][3];
+    float numbers[12], corners[3][3], ends[2][4];
 #define TRACE(change, where, text)                                                                                     \
     do {                                                                                                               \
         reset();                                                                                                       \
@@ -488,6 +488,7 @@ static void traced(const struct bvhd_cpu_blob *blob)
     CALL(bvhd_cpu_scene_corners(scene, NULL, corners, &world.error), BVHD_INVALID, "hit", "hit is NULL");
     CALL(bvhd_cpu_scene_corners(scene, &hit, NULL, &world.error), BVHD_INVALID, "ret_corners", "ret_corners is NULL");
     CALL(bvhd_cpu_scene_corners(scene, &hit, corners, &world.error), BVHD_INVALID, "hit.blob", "hit nothing");
+    CALL(bvhd_cpu_scene_ends(scene, &hit, NULL, &world.error), BVHD_INVALID, "ret_ends", "ret_ends is NULL");
     hit.blob = 77;
     CALL(bvhd_cpu_scene_object_to_world(scene, &hit, numbers, &world.error), BVHD_INVALID, "hit.blob",
          "77 is no bottom level");
@@ -509,7 +510,7 @@ static void traversal(void)
     struct bvhd_cpu_scene_options options = {.struct_size = sizeof options, .blobs = &blob, .blob_count = 1}, wrong;
     struct bvhd_cpu_trace trace = {.struct_size = sizeof trace};
     struct bvhd_cpu_hit hit = {0};
-    float numbers[12], corners[3][3];
+    float numbers[12], corners[3][3], ends[2][4];
     CALL(bvhd_cpu_scene_create(NULL, &scene, &world.error), BVHD_INVALID, "options", "options is NULL");
     CALL(bvhd_cpu_scene_create(&options, NULL, &world.error), BVHD_INVALID, "ret_scene", "ret_scene is NULL");
     wrong = (struct bvhd_cpu_scene_options){.struct_size = 1};
@@ -526,6 +527,7 @@ static void traversal(void)
     CALL(bvhd_cpu_scene_create(&wrong, &scene, &world.error), BVHD_INVALID, "options.flags", "0x4");
     CALL(bvhd_cpu_scene_create(&options, &scene, &world.error), BVHD_CORRUPT, "blobs[0]: header.serializedSize", "");
     CALL(bvhd_cpu_scene_trace(NULL, &trace, &world.error), BVHD_INVALID, "scene", "scene is NULL");
+    CALL(bvhd_cpu_scene_ends(NULL, &hit, ends, &world.error), BVHD_INVALID, "scene", "scene is NULL");
     CALL(bvhd_cpu_scene_corners(NULL, &hit, corners, &world.error), BVHD_INVALID, "scene", "scene is NULL");
     CALL(bvhd_cpu_scene_positions(NULL, 0, 0, 0, corners, &world.error), BVHD_INVALID, "scene", "scene is NULL");
     CALL(bvhd_cpu_scene_object_to_world(NULL, &hit, numbers, &world.error), BVHD_INVALID, "scene", "scene is NULL");

@@ -223,6 +223,31 @@ static void candidates_are_told_about_themselves(void **state)
     }
 }
 
+/* The point of a hit less the centre between the ends is the normal, here of a cone with a known slope. */
+static void ends_lead_to_normals(void **state)
+{
+    (void)state;
+    struct bed bed;
+    float own[2][4];
+    bed_start(&bed, VK_GEOMETRY_TYPE_LINEAR_SWEPT_SPHERES_NV, VK_RAY_TRACING_LSS_PRIMITIVE_END_CAPS_MODE_NONE_NV, 0, 0);
+    struct bvhd_cpu_hit hit = trace(&bed, ray_from(2, 0, 5, 0, 0, -1), NULL, NULL);
+    assert_int_equal(bvhd_cpu_scene_ends(bed.scene, &hit, own, NULL), BVHD_OK);
+    assert_memory_equal(own, ends, sizeof own);
+    const double x = 2 - (own[0][0] + hit.u * (own[1][0] - own[0][0])), z = 5 - hit.t;
+    assert_true(fabs(x / hypot(x, z) - 0.125) < 1e-6);
+    struct bvhd_error error;
+    hit.record = 1;
+    assert_int_equal(bvhd_cpu_scene_ends(bed.scene, &hit, own, &error), BVHD_INVALID);
+    assert_string_equal(error.where, "hit.record");
+    bed_stop(&bed);
+    bed_start(&bed, VK_GEOMETRY_TYPE_SPHERES_NV, VK_RAY_TRACING_LSS_PRIMITIVE_END_CAPS_MODE_NONE_NV, 0, 0);
+    hit = trace(&bed, ray_from(4, 0, 5, 0, 0, -1), NULL, NULL);
+    assert_int_equal(bvhd_cpu_scene_ends(bed.scene, &hit, own, NULL), BVHD_OK);
+    for (int end = 0; end < 2; end++)
+        assert_memory_equal(own[end], ends[1], sizeof own[end]);
+    bed_stop(&bed);
+}
+
 static void refuse(enum bvhd_status status, const struct bvhd_error *error, const char *where)
 {
     assert_int_equal(status, BVHD_INVALID);
@@ -255,6 +280,7 @@ int main(void)
         cmocka_unit_test(spheres_are_hit_from_outside),
         cmocka_unit_test(swept_spheres_tell_the_way),
         cmocka_unit_test(candidates_are_told_about_themselves),
+        cmocka_unit_test(ends_lead_to_normals),
         cmocka_unit_test(there_are_no_corners),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
