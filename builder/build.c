@@ -172,11 +172,15 @@ static bool split_refs_fit(const struct construction *construction)
            spatial_capacity(construction->refs.count) >> (layout->depth_limit - 1) == 0;
 }
 
-/* Rescaling and updates replace boxes by those of whole primitives, which would lose the splits. */
+/*
+ * Rescaling and updates replace boxes by those of whole primitives, which would lose the splits. Embree calls back for
+ * each split, which is written for triangles.
+ */
 static bool may_split(const struct construction *construction)
 {
     const struct canonical *canonical = construction->canonical;
-    bool splits = !construction->rescaled && split_refs_fit(construction);
+    const bool cuts = construction->method != PIECES_EMBREE_HIGH || construction->record->type == GEOMETRY_TRIANGLES;
+    const bool splits = cuts && !construction->rescaled && split_refs_fit(construction);
     return splits && !(canonical->flags & (BUILD_LOW_MEMORY | BUILD_ALLOW_UPDATE)) && clip_allowed(canonical);
 }
 

@@ -5,6 +5,7 @@
 #include <math.h>
 
 #include "builder/input/primitive.h"
+#include "proto/base/kind.h"
 
 double facts_log2(double value)
 {
@@ -153,8 +154,8 @@ void facts_gather(const struct canonical *canonical, struct facts *ret_facts)
     sample.count = 0;
     sample.total = 0;
     sample.bounds = box_empty();
-    bool triangles = canonical->geometry_count > 0 && canonical->geometries[0].type == GEOMETRY_TRIANGLES;
-    facts.can_split = triangles && !(canonical->flags & (BUILD_LOW_MEMORY | BUILD_ALLOW_UPDATE));
+    bool can_be_cut = canonical->geometry_count > 0 && kind_find(canonical->geometries[0].type)->can_be_cut;
+    facts.can_split = can_be_cut && !(canonical->flags & (BUILD_LOW_MEMORY | BUILD_ALLOW_UPDATE));
     draw(canonical, facts.sampled, &sample);
     facts.met = sample.count;
     if (facts.met > 0) {

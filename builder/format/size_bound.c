@@ -5,6 +5,7 @@
 
 #include "builder/format/layout.h"
 #include "builder/format/record_kind.h"
+#include "proto/base/kind.h"
 
 /*
  * Spatial splits add at most two refs to five (spatial_capacity). Below ONE_PIECE refs quality fast makes one piece,
@@ -18,13 +19,13 @@ static uint64_t max_of(uint64_t a, uint64_t b)
 }
 
 /*
- * Spatial splits are made by quality high alone, of triangles whose duplicates do no harm (clip_allowed). A build may
+ * Spatial splits are made by quality high alone, of primitives whose duplicates do no harm (clip_allowed). A build may
  * leave later geometries out, so that the first one decides.
  */
 static bool may_split(const struct build_input *input)
 {
     const struct geometry *first = input->geometries;
-    if (input->geometry_count == 0 || first->type != GEOMETRY_TRIANGLES)
+    if (input->geometry_count == 0 || !kind_find(first->type)->can_be_cut)
         return false;
     bool once = (first->flags & GEOMETRY_NO_DUPLICATE_ANY_HIT) && !(first->flags & GEOMETRY_OPAQUE);
     return !once && !(input->flags & (BUILD_LOW_MEMORY | BUILD_ALLOW_UPDATE));

@@ -101,12 +101,12 @@ static inline void grow(struct vec4_box *box, const struct vec4_box *by)
 }
 
 /* Cuts a ref at each plane that it crosses, and adds the parts to their bins. */
-static void add_parts(struct vec4_box boxes[], const float planes[], const struct clip_triangle *triangle,
+static void add_parts(struct vec4_box boxes[], const float planes[], const struct clip_shape *shape,
                       struct vec4_box rest, unsigned axis, struct bin_range span)
 {
     for (uint32_t k = span.first; k < span.last; k++) {
         struct vec4_box part, more;
-        clip_cut(triangle, &rest, axis, planes[k + 1], &part, &more);
+        clip_cut(shape, &rest, axis, planes[k + 1], &part, &more);
         grow(&boxes[k], &part);
         rest = more;
     }
@@ -117,7 +117,7 @@ static void add_ref(struct spatial_bins *bins, const struct canonical *canonical
                     const struct primitive_ref *ref)
 {
     struct vec4_box box = vec4_box_load(ref);
-    struct clip_triangle triangle;
+    struct clip_shape shape;
     bool loaded = false;
     for (unsigned axis = 0; axis < 3; axis++) {
         if (grid->scale[axis] == 0)
@@ -130,9 +130,9 @@ static void add_ref(struct spatial_bins *bins, const struct canonical *canonical
             continue;
         }
         if (!loaded)
-            triangle = clip_load(canonical, ref->id);
+            shape = clip_load(canonical, ref->id);
         loaded = true;
-        add_parts(bins->boxes[axis], grid->planes[axis], &triangle, box, axis, span);
+        add_parts(bins->boxes[axis], grid->planes[axis], &shape, box, axis, span);
     }
 }
 
@@ -307,8 +307,8 @@ static void put_crossing(struct filling *filling, const struct canonical *canoni
         put(filling, side, box, ref);
         return;
     }
-    struct clip_triangle triangle = clip_load(canonical, ref->id);
-    clip_cut(&triangle, &box, plane->axis, position, &parts[0], &parts[1]);
+    const struct clip_shape shape = clip_load(canonical, ref->id);
+    clip_cut(&shape, &box, plane->axis, position, &parts[0], &parts[1]);
     put(filling, 0, parts[0], ref);
     put(filling, 1, parts[1], ref);
 }
@@ -385,8 +385,8 @@ void spatial_send(const struct canonical *canonical, const struct spatial_grid *
     for (uint32_t i = 0; i < count; i++) {
         struct vec4_box box = vec4_box_load(&refs[i]), parts[2] = {box, box};
         if (sides[i] == SPATIAL_BOTH) {
-            struct clip_triangle triangle = clip_load(canonical, refs[i].id);
-            clip_cut(&triangle, &box, plane->axis, grid->planes[plane->axis][plane->bin], &parts[0], &parts[1]);
+            const struct clip_shape shape = clip_load(canonical, refs[i].id);
+            clip_cut(&shape, &box, plane->axis, grid->planes[plane->axis][plane->bin], &parts[0], &parts[1]);
         }
         for (int side = 0; side < 2; side++)
             if (sides[i] == side || sides[i] == SPATIAL_BOTH)

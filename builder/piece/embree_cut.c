@@ -131,7 +131,7 @@ void embree_cut(const struct embree_triangle *triangle, const struct box *part, 
     const struct clip_triangle loaded = clip_from_corners(corners);
     const struct vec4_box limit = vec4_box_from(part);
     struct vec4_box left, right;
-    clip_cut(&loaded, &limit, axis, position, &left, &right);
+    clip_cut_triangle(&loaded, &limit, axis, position, &left, &right);
     const struct box cuts[2] = {vec4_box_get(left), vec4_box_get(right)};
     ret_left->max[axis] = ret_right->min[axis] = position;
     narrow(&cuts[0], (int)axis, ret_left);

@@ -28,6 +28,7 @@ struct kind {
      * bvhd's own is BVHD_TOO_LARGE.
      */
     enum bvhd_vuid too_many;
+    bool can_be_cut; /* spatial splits cut such primitives (clip.h) */
     uint32_t primitive_bytes; /* of a primitive in a canonical copy: its indices, its box or its record */
     uint32_t vertex_bytes; /* of a vertex in a canonical copy; 0: the kind has no vertices */
 

@@ -57,6 +57,7 @@ const struct kind kind_swept_spheres = {
     .noun = "linear swept spheres",
     .member = "linearSweptSpheres",
     .too_many = BVHD_VUID_NONE, /* maxPrimitiveCount limits triangles and AABBs */
+    .can_be_cut = true,
     .primitive_bytes = sizeof(uint32_t),
     .vertex_bytes = 4 * sizeof(float),
     .check_shape = check_shape,

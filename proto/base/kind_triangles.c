@@ -37,6 +37,7 @@ const struct kind kind_triangles = {
     .noun = "triangles",
     .member = "triangles",
     .too_many = BVHD_VUID_03795,
+    .can_be_cut = true,
     .primitive_bytes = 3 * sizeof(uint32_t),
     .vertex_bytes = 3 * sizeof(float),
     .check_shape = check_shape,

@@ -86,7 +86,8 @@ static void check_every_kind(enum build_builder builder)
                 for (uint32_t r = 0; r < model.canonical.reference_count; r++)
                     model.canonical.references[r].bounds = (struct box){{0, 0, 0}, {1, 1, 1}};
                 struct ir ir = sound_ir_by(builder, &model.canonical, quality, &context, &stats);
-                bool splits = types[t] == GEOMETRY_TRIANGLES || quality != QUALITY_HIGH;
+                const bool cuts = builder ? types[t] == GEOMETRY_TRIANGLES : kind_find(types[t])->can_be_cut;
+                const bool splits = cuts || quality != QUALITY_HIGH;
                 if (stats.refs > 0)
                     assert_string_equal(stats.method, methods[builder][splits ? quality : QUALITY_BALANCED]);
                 assert_int_equal(stats.primitives, model.canonical.primitive_count);

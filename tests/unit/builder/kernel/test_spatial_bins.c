@@ -61,11 +61,11 @@ static double cost_at(const struct fixture *f, unsigned axis, float position, ui
     ret_counts[0] = ret_counts[1] = 0;
     for (uint32_t i = 0; i < f->count; i++) {
         struct vec4_box box = vec4_box_load(&f->refs[i]), parts[2] = {box, box};
-        struct clip_triangle triangle = clip_load(&f->canonical, i);
+        struct clip_shape shape = clip_load(&f->canonical, i);
         bool on[2] = {f->refs[i].min[axis]<position, f->refs[i].max[axis]> position ||
                       f->refs[i].min[axis] >= position};
         if (on[0] && on[1])
-            clip_cut(&triangle, &box, axis, position, &parts[0], &parts[1]);
+            clip_cut(&shape, &box, axis, position, &parts[0], &parts[1]);
         for (int side = 0; side < 2; side++)
             if (on[side]) {
                 ret_counts[side]++;
