@@ -181,16 +181,28 @@ static void place(const struct oracle_ray *ray, const struct oracle_round *round
     }
 }
 
+/* Moves do not separate equal ends, because equal numbers come from equal ones. */
+static void find_axis(const struct oracle_round *round, struct view *view)
+{
+    bool are_equal = true;
+    for (int axis = 0; axis < 3; axis++)
+        are_equal = are_equal && round->centres[0][axis].centre == round->centres[1][axis].centre;
+    for (int axis = 0; axis < 3; axis++)
+        view->axis[axis] = are_equal ? radial_exact(0) : radial_sub(round->centres[1][axis], round->centres[0][axis]);
+    view->taper = round->radii[0].centre == round->radii[1].centre ? radial_exact(0)
+                                                                   : radial_sub(round->radii[0], round->radii[1]);
+}
+
 static struct view view_of(const struct oracle_ray *ray, const struct oracle_round *round)
 {
-    struct view view = {.round = round, .taper = radial_sub(round->radii[0], round->radii[1])};
+    struct view view = {.round = round};
     place(ray, round, &view.line);
+    find_axis(round, &view);
     for (int end = 0; end < 2; end++) {
         for (int axis = 0; axis < 3; axis++) {
             struct radial centre = round->centres[end][axis];
             view.to[end][axis] = radial_sub(centre, view.line.origin[axis]);
             view.to_own[end][axis] = centre.radius + view.line.origin_own[axis];
-            view.axis[axis] = radial_sub(round->centres[1][axis], round->centres[0][axis]);
         }
         cross(view.to[end], view.line.direction, view.across[end]);
     }
@@ -320,8 +332,18 @@ static enum oracle_presence presence_of_cap(const struct view *view, int end)
 /* Returns whether one of the spheres surely contains the other, so that the hull has no side. */
 static bool has_no_side(const struct view *view)
 {
-    struct radial length = length_of(view->axis);
-    return upper(length) < fabs(view->taper.centre) - view->taper.radius;
+    return upper(length_of(view->axis)) <= fabs(view->taper.centre) - view->taper.radius;
+}
+
+/* Returns whether the larger one of two spheres has a cap, which is the first one if they are equal. */
+static enum oracle_presence presence_of_larger(const struct view *view)
+{
+    const bool *caps = view->round->caps;
+    if (caps[0] == caps[1])
+        return caps[0] ? ORACLE_SURE : ORACLE_ABSENT;
+    if (lower(view->taper) < 0 && upper(view->taper) >= 0)
+        return ORACLE_POSSIBLE;
+    return caps[lower(view->taper) >= 0 ? 0 : 1] ? ORACLE_SURE : ORACLE_ABSENT;
 }
 
 /*
@@ -331,13 +353,15 @@ static bool has_no_side(const struct view *view)
 static enum oracle_presence presence_of_surface(const struct view *view)
 {
     bool may_be_there = false, may_be_gone = false, is_cap = false;
+    if (has_no_side(view))
+        return presence_of_larger(view);
     for (int end = 0; end < 2; end++) {
         enum oracle_presence cap = presence_of_cap(view, end);
         is_cap = is_cap || cap == ORACLE_SURE;
         may_be_there = may_be_there || (cap != ORACLE_ABSENT && view->round->caps[end]);
         may_be_gone = may_be_gone || (cap != ORACLE_ABSENT && !view->round->caps[end]);
     }
-    may_be_there = may_be_there || (!is_cap && !has_no_side(view));
+    may_be_there = may_be_there || !is_cap;
     if (!may_be_there)
         return ORACLE_ABSENT;
     return may_be_gone ? ORACLE_POSSIBLE : ORACLE_SURE;
