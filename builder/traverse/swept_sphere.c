@@ -22,6 +22,27 @@ static bool meet_end(const struct round_ray *ray, const float *const ends[2], un
     return true;
 }
 
+/* Returns the square of a distance, of which rounding decides nothing. */
+static double remoteness(const struct round_ray *ray, const float end[4])
+{
+    const double x = end[0] - ray->origin[0], y = end[1] - ray->origin[1], z = end[2] - ray->origin[2];
+    return x * x + y * y + z * z;
+}
+
+/*
+ * Answers in twofold precision. It is more precise to begin with the end that is nearer to the ray's origin, where one
+ * is so far away that the other, and what is next to it, would be lost in the rounding.
+ */
+static enum swept_answer enter_precisely(const struct round_ray *ray, const float *const ends[2],
+                                         struct swept_sphere_hit *ret_hit)
+{
+    if (!(remoteness(ray, ends[0]) > remoteness(ray, ends[1])))
+        return enter_swept_twofold(ray, ends[0], ends[1], ret_hit);
+    const enum swept_answer answer = enter_swept_twofold(ray, ends[1], ends[0], ret_hit);
+    ret_hit->u = 1 - ret_hit->u;
+    return answer == SWEPT_FIRST ? SWEPT_SECOND : answer == SWEPT_SECOND ? SWEPT_FIRST : answer;
+}
+
 static bool is_finite(const float end[4])
 {
     return isfinite(end[0]) && isfinite(end[1]) && isfinite(end[2]) && isfinite(end[3]);
@@ -35,7 +56,7 @@ bool swept_sphere_intersect(const struct round_ray *ray, const float first[4], c
         return false;
     enum swept_answer answer = enter_swept_double(ray, first, second, ret_hit);
     if (answer == SWEPT_OPEN)
-        answer = enter_swept_twofold(ray, first, second, ret_hit);
+        answer = enter_precisely(ray, ends, ret_hit);
     switch (answer) {
     case SWEPT_SIDE:
         return isfinite(ret_hit->t);
