@@ -3,19 +3,20 @@
  * determinism.c - tests that the same request gives the same bytes: with 1, 2 and 8 threads, with the tasks of a build
  * in the orders that 1 to 64 threads may give them, and written with other strides, offsets and index widths.
  *
- *     determinism [COUNT [SEED]]
- *     determinism --digest [COUNT [SEED]]
+ *     determinism [--kinds flat|round|all] [COUNT [SEED]]
+ *     determinism --digest [--kinds flat|round|all] [COUNT [SEED]]
  *
- * The requests are random ones, and generated meshes that are large enough to be cut into several pieces. The exit
- * status is 1 if anything differs. With --digest it prints only one digest over all keys and blobs, which can be
- * compared between compilers and machines.
+ * The requests are random ones, and generated meshes that are large enough to be cut into several pieces. They are of
+ * triangles and boxes unless --kinds says that they are round, or of all kinds. The exit status is 1 if anything
+ * differs. With --digest it prints only one digest over all keys and blobs, which can be compared between compilers and
+ * machines.
  */
 #include <stdio.h>
 #include <stdlib.h>
 
 #include "builder/update/batch.h"
 #include "builder/format/lavapipe.h"
-#include "tests/support/builder/random_input.h"
+#include "tests/support/builder/random_kind.h"
 #include "tests/support/builder/random_top.h"
 #include "builder/workers.h"
 
@@ -26,6 +27,7 @@ static const unsigned team_sizes[TEAMS] = {1, 2, 8};
 struct run {
     struct memory memory;
     struct workers *workers[TEAMS];
+    enum random_choice kinds;
     uint64_t digest, failures, blobs, bytes;
 };
 
@@ -105,8 +107,9 @@ static void run_bottom(struct run *run, struct random *random)
 {
     struct random_input bottom;
     struct batch_item item;
-    random_input_bottom(&bottom, random, 3000);
-    choose_target(&bottom.input, random);
+    random_input_bottom_of(&bottom, random, 3000, run->kinds);
+    if (bottom.kind->shape == ORACLE_TRIANGLES)
+        choose_target(&bottom.input, random);
     if (build_with_all(run, &bottom.input, "a random bottom level", &item))
         batch_finish(&item, 1, &run->memory);
     random_input_finish(&bottom);
@@ -116,7 +119,7 @@ static void run_top(struct run *run, struct random *random)
 {
     struct random_top top;
     struct batch_item item;
-    random_top_init(&top, random, 200);
+    random_top_init_of(&top, random, 200, run->kinds);
     for (uint32_t i = 0; i < top.bottom_count; i++) {
         if (!build_with_all(run, &top.bottoms[i].input, "a bottom level", &item))
             continue;
@@ -290,6 +293,33 @@ static const struct {
     {60, {.quality = QUALITY_HIGH, .target = TARGET_LAVAPIPE, .device = {.variant = LAVAPIPE_COMPACTED}}},
 };
 
+/* ---- round primitives of several pieces ---- */
+
+enum { LARGE = 50000 };
+
+static void run_large(struct run *run, const struct random_kind *kind, enum build_quality quality, uint64_t seed)
+{
+    struct random random = {seed};
+    struct random_input input = {.kind = kind};
+    struct batch_item item;
+    input.input = (struct build_input){.type = STRUCTURE_BOTTOM,
+                                       .geometry_count = 1,
+                                       .geometries = input.geometries,
+                                       .options = {.quality = quality, .target = TARGET_PORTABLE}};
+    kind->make(&input, 0, LARGE, &random);
+    if (build_with_all(run, &input.input, build_quality_name(quality), &item))
+        batch_finish(&item, 1, &run->memory);
+    random_input_finish(&input);
+}
+
+static void run_round(struct run *run)
+{
+    for (enum build_quality quality = QUALITY_FAST; quality <= QUALITY_HIGH; quality++) {
+        run_large(run, &random_spheres, quality, (uint64_t)quality);
+        run_large(run, &random_swept_spheres, quality, 7 * (uint64_t)quality);
+    }
+}
+
 /* ---- every number of threads ---- */
 
 enum { MOST_THREADS = 64, PIECES_GRID = 72 }; /* 10,368 triangles: several pieces in each quality */
@@ -373,21 +403,31 @@ static void run_finish(struct run *run)
 int main(int argc, char **argv)
 {
     bool digest_only = argc > 1 && strcmp(argv[1], "--digest") == 0;
-    char **numbers = argv + (digest_only ? 2 : 1);
-    int number_count = argc - (digest_only ? 2 : 1);
-    uint64_t count = number_count > 0 ? strtoull(numbers[0], NULL, 10) : 100;
-    uint64_t seed = number_count > 1 ? strtoull(numbers[1], NULL, 10) : 1;
+    char **rest = argv + (digest_only ? 2 : 1);
+    int rest_count = argc - (digest_only ? 2 : 1);
+    enum random_choice kinds = RANDOM_FLAT;
+    if (rest_count > 1 && strcmp(rest[0], "--kinds") == 0) {
+        if (!random_choice_from_name(rest[1], &kinds))
+            return 2;
+        rest += 2;
+        rest_count -= 2;
+    }
+    uint64_t count = rest_count > 0 ? strtoull(rest[0], NULL, 10) : 100;
+    uint64_t seed = rest_count > 1 ? strtoull(rest[1], NULL, 10) : 1;
     struct run run;
     if (!run_init(&run))
         return 1;
+    run.kinds = kinds;
     for (uint64_t i = seed; i < seed + count; i++) {
         struct random random = {i * UINT64_C(0x632be59bd9b4e019)};
         (i % 4 ? run_bottom : run_top)(&run, &random);
     }
-    for (size_t i = 0; i < sizeof meshes / sizeof meshes[0]; i++)
+    for (size_t i = 0; kinds != RANDOM_ROUND && i < sizeof meshes / sizeof meshes[0]; i++)
         run_mesh(&run, meshes[i].side, &meshes[i].options);
-    if (!digest_only)
+    if (kinds != RANDOM_ROUND && !digest_only)
         run_all_numbers(&run);
+    if (kinds != RANDOM_FLAT)
+        run_round(&run);
     run_finish(&run);
     if (digest_only)
         printf("%016llx\n", (unsigned long long)run.digest);

@@ -2,10 +2,12 @@
 /*
  * random_updates.c - tests updates of random structures, in every layout.
  *
- *     random_updates [COUNT [SEED]]
+ *     random_updates [--kinds flat|round|all] [COUNT [SEED]]
  *
- * Each structure is built, moved and updated a few times. Then rays through it are compared with brute force over what
- * the request means now, and with rays through a structure that is built for it: both must give the same hits.
+ * The structures are of triangles and boxes (flat, which they are without --kinds), of spheres and linear swept spheres
+ * (round), or of all of them. Each structure is built, moved and updated a few times. Then rays through it are compared
+ * with brute force over what the request means now, and with rays through a structure that is built for it: both must
+ * give the same hits.
  *
  * It prints each failure with the arguments that repeat it. The exit status is 1 if there was any.
  */
@@ -29,6 +31,7 @@ struct run {
     struct memory memory;
     struct build_context context;
     struct limits limits;
+    enum random_choice kinds;
     uint64_t seed, failures, cases, updates, changed, rays, hits, boxes;
 };
 
@@ -40,7 +43,8 @@ static void fail(struct run *run, const char *format, ...)
         return;
     va_list arguments;
     va_start(arguments, format);
-    fprintf(stderr, "random_updates 1 %llu: ", (unsigned long long)run->seed);
+    fprintf(stderr, "random_updates --kinds %s 1 %llu: ", random_choice_name(run->kinds),
+            (unsigned long long)run->seed);
     vfprintf(stderr, format, arguments);
     fprintf(stderr, "\n");
     va_end(arguments);
@@ -210,10 +214,11 @@ static void judge_boxes(struct run *run, const struct traced *updated, const str
 
 /* ---- cases ---- */
 
-static void set_target(struct build_input *input, struct random *random)
+/* Chooses a layout. The native one has triangles and boxes only. */
+static void set_target(struct build_input *input, bool can_be_native, struct random *random)
 {
     input->flags |= BUILD_ALLOW_UPDATE;
-    if (random_chance(random, 0.5))
+    if (random_chance(random, 0.5) || !can_be_native)
         return;
     input->options.target = TARGET_LAVAPIPE;
     input->options.layout_flags = 0;
@@ -237,10 +242,7 @@ static void compare_bottoms(struct run *run, const struct random_input *bottom, 
         return;
     }
     for (uint32_t g = 0; g < count; g++)
-        meshes[g] = (struct oracle_mesh){.positions = (const float *)bottom->meanings[g].corners,
-                                         .primitive_count = bottom->meanings[g].count,
-                                         .instance = RAY_NO_INSTANCE,
-                                         .geometry = g};
+        meshes[g] = random_input_mesh(bottom, g);
     judge_rays(run, &traced[0], &traced[1], meshes, count, random, true);
 }
 
@@ -248,8 +250,8 @@ static void run_bottom(struct run *run, struct random *random)
 {
     struct random_input bottom;
     struct structure updated, built = {0};
-    random_input_bottom(&bottom, random, MOST_PRIMITIVES);
-    set_target(&bottom.input, random);
+    random_input_bottom_of(&bottom, random, MOST_PRIMITIVES, run->kinds);
+    set_target(&bottom.input, bottom.kind->shape == ORACLE_TRIANGLES || !bottom.input.geometry_count, random);
     if (build_structure(run, &bottom.input, &updated) &&
         update_structure(run, &bottom.input, random_input_move, &bottom, random, &updated) &&
         build_structure(run, &bottom.input, &built) && open_structure(run, &updated) && open_structure(run, &built))
@@ -308,7 +310,7 @@ static void compare_tops(struct run *run, struct world *world, struct random *ra
 static void run_top(struct run *run, struct random *random)
 {
     struct world *world = calloc(1, sizeof *world);
-    random_top_init(&world->top, random, MOST_BELOW_TOP);
+    random_top_init_of(&world->top, random, MOST_BELOW_TOP, run->kinds);
     if (build_world(run, world, random))
         compare_tops(run, world, random);
     for (int i = 0; i < RANDOM_TOP_BOTTOMS; i++)
@@ -322,6 +324,12 @@ static void run_top(struct run *run, struct random *random)
 int main(int argc, char **argv)
 {
     struct run run = {.limits = limits_default()};
+    if (argc > 2 && strcmp(argv[1], "--kinds") == 0) {
+        if (!random_choice_from_name(argv[2], &run.kinds))
+            return 2;
+        argc -= 2;
+        argv += 2;
+    }
     const uint64_t count = argc > 1 ? strtoull(argv[1], NULL, 10) : 400,
                    seed = argc > 2 ? strtoull(argv[2], NULL, 10) : 1;
     memory_init(&run.memory, UINT64_C(1) << 30);
@@ -338,7 +346,8 @@ int main(int argc, char **argv)
            (unsigned long long)run.rays, (unsigned long long)run.hits, (unsigned long long)run.boxes,
            (unsigned long long)run.failures);
     /* A run with too few updates or hits shows nothing. */
-    bool thin = count >= 100 && (run.updates < count / 2 || run.hits < run.rays / 5 || run.boxes < 100 * count);
+    bool thin = count >= 100 && (run.updates < count / 2 || run.hits < run.rays / 5 ||
+                                 (run.kinds == RANDOM_FLAT && run.boxes < 100 * count));
     if (thin)
         fprintf(stderr, "random_updates: too few of these cases decide anything\n");
     return run.failures || thin;

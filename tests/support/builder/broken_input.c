@@ -29,15 +29,21 @@ static struct random_fields fields_of(struct geometry *geometry)
     if (kind)
         return kind->fields(geometry);
     struct random_fields fields = random_triangles.fields(geometry);
-    fields.format = fields.index_type = fields.max_vertex = NULL;
-    fields.stride = NULL;
+    fields.index_type = fields.max_vertex = NULL;
+    fields.format_count = fields.stride_count = 0;
     return fields;
+}
+
+/* Returns a number below `count`, without a random number where there is no choice. */
+static uint32_t one_of(uint32_t count, struct random *random)
+{
+    return count > 1 ? random_below(random, count) : 0;
 }
 
 static struct bytes *any_bytes(struct geometry *geometry, struct random *random)
 {
     struct random_fields fields = fields_of(geometry);
-    return fields.arrays[fields.array_count > 1 ? random_below(random, fields.array_count) : 0];
+    return fields.arrays[one_of(fields.array_count, random)];
 }
 
 static void break_type(struct broken_input *broken, struct random *random)
@@ -71,8 +77,11 @@ static void break_geometry_type(struct broken_input *broken, struct random *rand
     struct geometry *geometry = any_geometry(broken, random);
     struct bytes bytes = {random_input_buffer(&broken->base, 96), 96};
     memset((void *)(uintptr_t)bytes.data, 0, 96);
-    uint32_t which = random_below(random, RANDOM_KINDS + 1);
-    if (which == RANDOM_KINDS) {
+    const uint32_t kinds = broken->choice == RANDOM_FLAT ? RANDOM_FLAT_KINDS : RANDOM_KINDS;
+    uint32_t which = random_below(random, kinds + 1);
+    if (which == kinds) {
+        if (broken->choice != RANDOM_FLAT)
+            random_triangles.blank(geometry, bytes); /* as fields_of() will take it */
         geometry->type = 3 + (uint32_t)random_number(random) % 1000000;
         return;
     }
@@ -88,15 +97,15 @@ static void break_geometry_flags(struct broken_input *broken, struct random *ran
 static void break_format(struct broken_input *broken, struct random *random)
 {
     struct random_fields fields = fields_of(any_geometry(broken, random));
-    if (fields.format)
-        *fields.format = random_below(random, 130);
+    if (fields.format_count)
+        *fields.formats[one_of(fields.format_count, random)] = random_below(random, 130);
 }
 
 static void break_stride(struct broken_input *broken, struct random *random)
 {
     struct random_fields fields = fields_of(any_geometry(broken, random));
-    if (fields.stride)
-        *fields.stride = random_number(random);
+    if (fields.stride_count)
+        *fields.strides[one_of(fields.stride_count, random)] = random_number(random);
 }
 
 static void break_index_type(struct broken_input *broken, struct random *random)
@@ -105,6 +114,8 @@ static void break_index_type(struct broken_input *broken, struct random *random)
     struct random_fields fields = fields_of(any_geometry(broken, random));
     if (fields.index_type)
         *fields.index_type = types[random_below(random, 6)];
+    if (fields.mode_count)
+        *fields.modes[one_of(fields.mode_count, random)] = random_below(random, 3);
 }
 
 static void break_max_vertex(struct broken_input *broken, struct random *random)
@@ -219,7 +230,7 @@ static void make_top(struct broken_input *broken, struct random *random)
     unsigned char *records = random_input_buffer(&broken->base, 64 * BROKEN_RECORDS);
     for (uint32_t i = 0; i < BROKEN_RECORDS; i++) {
         struct random_instance instance = {.mask = 0xff, .custom_index = i};
-        random_top_transform(random, instance.transform);
+        random_top_transform(broken->choice, random, instance.transform);
         random_top_record(&instance, i ? broken->references[i % BROKEN_REFERENCES].handle : 0,
                           records + (size_t)64 * i);
     }
@@ -232,10 +243,11 @@ static void make_top(struct broken_input *broken, struct random *random)
     };
 }
 
-void broken_input_init(struct broken_input *ret_broken, struct random *random)
+void broken_input_init(struct broken_input *ret_broken, struct random *random, enum random_choice choice)
 {
     memset(ret_broken, 0, sizeof *ret_broken);
-    random_input_bottom(&ret_broken->base, random, 30);
+    ret_broken->choice = choice;
+    random_input_bottom_of(&ret_broken->base, random, 30, choice);
     ret_broken->base.input.destination = 3;
     ret_broken->input = ret_broken->base.input;
     for (uint32_t i = 0; i < BROKEN_REFERENCES; i++)

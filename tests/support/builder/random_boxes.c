@@ -81,7 +81,7 @@ static void move(struct random_input *input, uint32_t index, struct random *rand
 static struct random_fields fields(struct geometry *geometry)
 {
     return (struct random_fields){
-        .array_count = 1, .arrays = {&geometry->aabbs.boxes}, .stride = &geometry->aabbs.stride};
+        .array_count = 1, .arrays = {&geometry->aabbs.boxes}, .stride_count = 1, .strides = {&geometry->aabbs.stride}};
 }
 
 static void blank(struct geometry *geometry, struct bytes bytes)

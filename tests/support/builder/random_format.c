@@ -21,6 +21,12 @@ const struct random_format *random_format_any(struct random *random)
     return &formats[random_below(random, sizeof formats / sizeof formats[0])];
 }
 
+const struct random_format *random_format_radius(struct random *random)
+{
+    static const struct random_format radii[] = {{100, FLOAT, 1, 1}, {100, FLOAT, 1, 1}, {76, HALF, 1, 1}};
+    return &radii[random_below(random, sizeof radii / sizeof radii[0])];
+}
+
 uint32_t random_format_unit(const struct random_format *format)
 {
     return component_sizes[format->component];
@@ -29,6 +35,18 @@ uint32_t random_format_unit(const struct random_format *format)
 uint32_t random_format_read_size(const struct random_format *format)
 {
     return component_sizes[format->component] * (format->component == PACKED ? 1 : format->read);
+}
+
+uint64_t random_format_stride(const struct random_format *format, struct random *random)
+{
+    uint64_t component = random_format_unit(format), element = component * format->stored;
+    if (random_chance(random, 0.5))
+        return element;
+    if (random_chance(random, 0.05))
+        return 0;
+    if (random_chance(random, 0.05))
+        return component;
+    return element + component * random_below(random, 7);
 }
 
 static double half_value(uint16_t bits)
@@ -129,7 +147,7 @@ void random_format_encode(const struct random_format *format, const double posit
 void random_format_decode(const struct random_format *format, const unsigned char *element, float ret_position[3])
 {
     uint32_t word;
-    ret_position[2] = 0;
+    ret_position[1] = ret_position[2] = 0;
     if (format->component == PACKED) {
         memcpy(&word, element, 4);
         for (int axis = 0; axis < 3; axis++)

@@ -16,14 +16,22 @@ struct random_format {
     uint32_t stored; /* number of components of an element */
 };
 
+/* Returns a format of vertices. */
 const struct random_format *random_format_any(struct random *random);
+/* Returns a format of radii, which have one component. */
+const struct random_format *random_format_radius(struct random *random);
 
 /* Returns the size of a component, or of a packed element: strides and offsets are multiples of it. */
 uint32_t random_format_unit(const struct random_format *format);
 /* Returns how many bytes of an element are read. */
 uint32_t random_format_read_size(const struct random_format *format);
+/* Returns a multiple of the unit. Some strides are 0, or let elements overlap. */
+uint64_t random_format_stride(const struct random_format *format, struct random *random);
 
-/* Values beyond the range of the format are clamped, or become infinite in a half. */
+/*
+ * Values beyond the range of the format are clamped, or become infinite in a half. As many components are read and
+ * written as the format has, and missing ones decode as 0.
+ */
 void random_format_encode(const struct random_format *format, const double position[3], unsigned char *ret_element);
 void random_format_decode(const struct random_format *format, const unsigned char *element, float ret_position[3]);
 

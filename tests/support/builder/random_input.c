@@ -91,7 +91,27 @@ void random_input_triangles(struct random_input *ret_input, struct random *rando
 
 void random_input_bottom(struct random_input *ret_input, struct random *random, uint32_t most)
 {
-    fill(ret_input, random, most, random_chance(random, 0.25) ? &random_boxes : &random_triangles);
+    random_input_bottom_of(ret_input, random, most, RANDOM_FLAT);
+}
+
+void random_input_bottom_of(struct random_input *ret_input, struct random *random, uint32_t most,
+                            enum random_choice choice)
+{
+    fill(ret_input, random, most, random_kind_any(choice, random));
+}
+
+struct oracle_mesh random_input_mesh(const struct random_input *input, uint32_t geometry)
+{
+    const struct random_meaning *meaning = &input->meanings[geometry];
+    const float *positions =
+        meaning->shape == ORACLE_TRIANGLES ? (const float *)meaning->corners : (const float *)meaning->centres;
+    return (struct oracle_mesh){.shape = meaning->shape,
+                                .positions = positions,
+                                .radii = meaning->radii,
+                                .caps = meaning->caps,
+                                .primitive_count = meaning->count,
+                                .instance = RAY_NO_INSTANCE,
+                                .geometry = geometry};
 }
 
 void random_input_finish(struct random_input *input)
@@ -101,6 +121,9 @@ void random_input_finish(struct random_input *input)
     for (int i = 0; i < RANDOM_INPUT_GEOMETRIES; i++) {
         free(input->meanings[i].corners);
         free(input->meanings[i].boxes);
+        free(input->meanings[i].centres);
+        free(input->meanings[i].radii);
+        free(input->meanings[i].caps);
         free(input->plans[i]);
     }
     memset(input, 0, sizeof *input);

@@ -9,16 +9,29 @@
 #ifndef BVHD_RANDOM_INPUT_H
 #define BVHD_RANDOM_INPUT_H
 
+#include "client/bvhctl/oracle/oracle.h"
 #include "proto/base/geometry.h"
 #include "tests/support/random.h"
 
 enum { RANDOM_INPUT_GEOMETRIES = 5, RANDOM_INPUT_BUFFERS = 3 * RANDOM_INPUT_GEOMETRIES + 8 };
 
-/* The meaning of one geometry. */
+/* Which kinds of geometry requests have: triangles and boxes, spheres and linear swept spheres, or all of them. */
+enum random_choice { RANDOM_FLAT, RANDOM_ROUND, RANDOM_ALL };
+
+const char *random_choice_name(enum random_choice choice);
+/* Returns false if there is none of this name. */
+bool random_choice_from_name(const char *name, enum random_choice *ret_choice);
+
+/* The meaning of one geometry: `count` primitives. */
 struct random_meaning {
     uint32_t count;
-    float (*corners)[3][3]; /* triangles: `count` of them, transformed; NULL for boxes */
-    float (*boxes)[6]; /* boxes: `count` of them */
+    enum oracle_shape shape; /* of all but boxes */
+    float (*corners)[3][3]; /* triangles, transformed; NULL for other kinds */
+    float (*boxes)[6]; /* boxes; NULL for other kinds */
+    /* spheres, and two ends for each linear swept sphere, which has ORACLE_CAP_ bits; NULL for other kinds */
+    float (*centres)[3];
+    float *radii;
+    uint8_t *caps;
     bool moved; /* the corners were transformed, so that their last bit is uncertain */
 };
 
@@ -38,9 +51,12 @@ struct random_input {
 };
 
 /*
- * Makes a bottom level of triangles or of boxes, with 0 .. `most` primitives in up to five geometries. *ret_input must
- * not be copied.
+ * Makes a bottom level of one of these kinds, with 0 .. `most` primitives in up to five geometries. *ret_input must not
+ * be copied.
  */
+void random_input_bottom_of(struct random_input *ret_input, struct random *random, uint32_t most,
+                            enum random_choice choice);
+/* Does the same, with flat kinds. */
 void random_input_bottom(struct random_input *ret_input, struct random *random, uint32_t most);
 /* Does the same, always with triangles. */
 void random_input_triangles(struct random_input *ret_input, struct random *random, uint32_t most);
@@ -52,6 +68,12 @@ void random_input_finish(struct random_input *input);
  * a struct random_input, whose type random_update.h does not know.
  */
 void random_input_move(void *request, struct random *random);
+
+/*
+ * Makes the mesh that the oracle knows of a geometry, which must not be of boxes. It lives as long as the meaning, and
+ * is in no instance.
+ */
+struct oracle_mesh random_input_mesh(const struct random_input *input, uint32_t geometry);
 
 /* Allocates another random block that the input owns. */
 void *random_input_buffer(struct random_input *input, uint64_t size);

@@ -12,16 +12,42 @@ enum { RAYS = 200, VARIANT_STEP = 4 }; /* one ray in VARIANT_STEP is traced in m
 
 /* ---- rays ---- */
 
-/* Aims exactly at a corner of a random triangle, where a traversal that is not watertight leaks. */
-static void aim_at_corner(const struct oracle_mesh *meshes, uint32_t mesh_count, struct random *random, struct ray *ray)
+/*
+ * Makes a point at right angles to the line of sight beside the middle of a sphere: near its silhouette, or within, and
+ * mostly so far that it is certain which.
+ */
+static void step_aside(const float origin[3], double radius, struct random *random, double point[3])
 {
+    double from[3], aside[3], size = 0, side[3];
+    random_point(random, side);
+    for (int axis = 0; axis < 3; axis++)
+        from[axis] = point[axis] - origin[axis];
+    for (int x = 0; x < 3; x++) {
+        aside[x] = from[(x + 1) % 3] * side[(x + 2) % 3] - from[(x + 2) % 3] * side[(x + 1) % 3];
+        size += aside[x] * aside[x];
+    }
+    double reach = random_between(random, 0, 1);
+    if (random_chance(random, 0.05))
+        reach = 1 + (random_chance(random, 0.5) ? -1 : 1) * pow(10, random_between(random, -4, -1));
+    for (int axis = 0; axis < 3 && size > 0; axis++)
+        point[axis] += reach * radius * aside[axis] / sqrt(size);
+}
+
+/* Aims exactly at a corner of a random triangle, where a traversal that is not watertight leaks, or at an end. */
+static void aim_at_vertex(const struct oracle_mesh *meshes, uint32_t mesh_count, struct random *random, struct ray *ray)
+{
+    static const uint32_t vertex_counts[ORACLE_SHAPES] = {3, 1, 2};
     const struct oracle_mesh *mesh = &meshes[random_below(random, mesh_count)];
     if (!mesh->primitive_count || mesh->transform)
         return;
-    const float *corner = mesh->positions + (uint64_t)3 * random_below(random, 3 * mesh->primitive_count);
+    const uint32_t vertex = random_below(random, vertex_counts[mesh->shape] * mesh->primitive_count);
+    const float *at = mesh->positions + (uint64_t)3 * vertex;
+    double point[3] = {at[0], at[1], at[2]};
     float direction[3];
+    if (mesh->shape != ORACLE_TRIANGLES)
+        step_aside(ray->origin, mesh->radii[vertex], random, point);
     for (int axis = 0; axis < 3; axis++) {
-        direction[axis] = corner[axis] - ray->origin[axis];
+        direction[axis] = (float)point[axis] - ray->origin[axis];
         if (!isfinite(direction[axis]))
             return;
     }
@@ -46,7 +72,7 @@ static void make_rays(const struct oracle_mesh *meshes, uint32_t mesh_count, str
         rays[i].flags = culling;
         rays[i].cull_mask = (uint8_t)mask;
         if (i % 4 == 1 && mesh_count)
-            aim_at_corner(meshes, mesh_count, random, &rays[i]);
+            aim_at_vertex(meshes, mesh_count, random, &rays[i]);
         if (i % 16 == 3)
             align_with_axis(random, &rays[i]);
         if (i % 16 == 7) {
@@ -56,7 +82,7 @@ static void make_rays(const struct oracle_mesh *meshes, uint32_t mesh_count, str
     }
 }
 
-/* ---- triangles: closest hit, any hit, either order, positions ---- */
+/* ---- hits: closest hit, any hit, either order, positions ---- */
 
 static bool hits_equal(const struct ray_hit *a, const struct ray_hit *b)
 {
@@ -138,7 +164,7 @@ static void check_positions(struct random_run *run, const struct scene *scene, c
 {
     struct ray_hit hit;
     float corners[3][3];
-    if (!traverse(scene, ray, NULL, &hit, NULL) || hit.is_aabb)
+    if (!traverse(scene, ray, NULL, &hit, NULL) || hit.is_aabb || !meanings[hit.geometry].corners)
         return;
     traverse_positions(scene, &hit, corners);
     for (int i = 0; i < 9; i++)
@@ -212,20 +238,10 @@ static struct oracle_mesh boxes_as_triangles(const struct random_meaning *meanin
         const float triangle[9] = {box[0], box[1], box[2], box[3], box[4], box[5], box[0], box[4], box[2]};
         memcpy(corners + 9 * (size_t)i, triangle, sizeof triangle);
     }
-    return (struct oracle_mesh){
-        .positions = corners, .primitive_count = meaning->count, .instance = RAY_NO_INSTANCE};
+    return (struct oracle_mesh){.positions = corners, .primitive_count = meaning->count, .instance = RAY_NO_INSTANCE};
 }
 
 /* ---- whole scenes ---- */
-
-static struct oracle_mesh mesh_of(const struct random_input *bottom, uint32_t geometry)
-{
-    const struct random_meaning *meaning = &bottom->meanings[geometry];
-    return (struct oracle_mesh){.positions = (const float *)meaning->corners,
-                                .primitive_count = meaning->count,
-                                .instance = RAY_NO_INSTANCE,
-                                .geometry = geometry};
-}
 
 static void judge_hits(struct random_run *run, const struct random_input *bottom, const struct scene *scene,
                        struct random *random)
@@ -234,7 +250,7 @@ static void judge_hits(struct random_run *run, const struct random_input *bottom
     struct ray rays[RAYS];
     uint32_t count = bottom->input.geometry_count;
     for (uint32_t g = 0; g < count; g++)
-        meshes[g] = mesh_of(bottom, g);
+        meshes[g] = random_input_mesh(bottom, g);
     make_rays(meshes, count, random, rays);
     judge_rays(run, scene, meshes, count, rays);
     for (uint32_t i = 0; i < RAYS; i++)

@@ -8,16 +8,22 @@
 
 #include "tests/support/builder/random_input.h"
 
-/* The fields of a description that its kind uses; NULL: it has no such field. */
+/* The fields of a description that its kind uses; NULL, or a count of 0: it has no such field. */
 struct random_fields {
     uint32_t array_count;
     struct bytes *arrays[3];
-    uint32_t *format, *index_type, *max_vertex;
-    uint64_t *stride;
+    uint32_t format_count;
+    uint32_t *formats[2];
+    uint32_t *index_type, *max_vertex;
+    uint32_t stride_count;
+    uint64_t *strides[3];
+    uint32_t mode_count;
+    uint32_t *modes[2]; /* enumerants */
 };
 
 struct random_kind {
     uint32_t type; /* VkGeometryTypeKHR */
+    enum oracle_shape shape; /* of what rays hit */
     bool are_candidates; /* what rays meet are boxes, of which programs themselves decide whether they are hit */
     /* Makes a geometry of a bottom level with its meaning; NULL: bottom levels have none of this kind. */
     void (*make)(struct random_input *input, uint32_t index, uint32_t count, struct random *random);
@@ -28,12 +34,16 @@ struct random_kind {
     void (*blank)(struct geometry *geometry, struct bytes bytes);
 };
 
-extern const struct random_kind random_triangles, random_boxes, random_instances;
+extern const struct random_kind random_triangles, random_boxes, random_instances, random_spheres, random_swept_spheres;
 
-enum { RANDOM_KINDS = 3 };
+/* Requests of flat kinds do not depend on how many others there are, so that their seeds keep their meaning. */
+enum { RANDOM_FLAT_KINDS = 3, RANDOM_KINDS = 5 };
 
-/* The kinds in the order of their types. */
+/* The kinds in the order of their types; those that are not round come first. */
 extern const struct random_kind *const random_kinds[RANDOM_KINDS];
+
+/* Returns a kind of bottom levels. */
+const struct random_kind *random_kind_any(enum random_choice choice, struct random *random);
 
 /* Returns NULL for a type that is none of them. */
 const struct random_kind *random_kind_find(uint32_t type);

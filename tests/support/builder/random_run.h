@@ -7,9 +7,11 @@
 #include "builder/traverse/lavapipe_traverse.h"
 #include "proto/base/geometry.h"
 #include "proto/base/request_limits.h"
+#include "tests/support/builder/random_input.h"
 
 struct random_run {
     enum build_builder builder;
+    enum random_choice kinds;
     enum build_quality quality; /* UNSPECIFIED: that of each request */
     struct memory memory;
     struct build_context context;

@@ -15,14 +15,14 @@ static double determinant(const float m[12])
            (double)m[2] * ((double)m[4] * m[9] - (double)m[5] * m[8]);
 }
 
-void random_top_transform(struct random *random, float ret_matrix[12])
+void random_top_transform(enum random_choice choice, struct random *random, float ret_matrix[12])
 {
     static const float identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
-    static const double scales[] = {1, 1, 1, 0.01, 30};
+    static const double flat_scales[] = {1, 1, 1, 0.01, 30}, other_scales[] = {1, 1, 1, 0.3, 3};
     memcpy(ret_matrix, identity, sizeof identity);
     if (random_chance(random, 0.1))
         return;
-    double scale = scales[random_below(random, 5)];
+    double scale = (choice == RANDOM_FLAT ? flat_scales : other_scales)[random_below(random, 5)];
     do {
         for (int i = 0; i < 12; i++)
             ret_matrix[i] = (float)random_between(random, -1, 1);
@@ -51,7 +51,7 @@ static struct random_instance random_instance(const struct random_top *top, stru
         .flags = flags[random_below(random, 6)] | (random_chance(random, 0.2) ? INSTANCE_FLIP_FACING : 0),
         .bottom = random_chance(random, 0.1) ? -1 : (int)random_below(random, top->bottom_count),
     };
-    random_top_transform(random, instance.transform);
+    random_top_transform(top->choice, random, instance.transform);
     return instance;
 }
 
@@ -98,10 +98,16 @@ void random_top_move(void *request, struct random *random)
 
 void random_top_init(struct random_top *ret_top, struct random *random, uint32_t most)
 {
+    random_top_init_of(ret_top, random, most, RANDOM_FLAT);
+}
+
+void random_top_init_of(struct random_top *ret_top, struct random *random, uint32_t most, enum random_choice choice)
+{
     memset(ret_top, 0, sizeof *ret_top);
+    ret_top->choice = choice;
     ret_top->bottom_count = 1 + random_below(random, RANDOM_TOP_BOTTOMS);
     for (uint32_t i = 0; i < ret_top->bottom_count; i++) {
-        random_input_bottom(&ret_top->bottoms[i], random, most);
+        random_input_bottom_of(&ret_top->bottoms[i], random, most, choice);
         ret_top->references[i] =
             (struct reference){.kind = REFERENCE_BLAS, .handle = 1000 - 7 * (uint64_t)i, .has_key = true};
     }
@@ -151,16 +157,14 @@ void random_top_mean(struct random_top *top, uint32_t cull_mask)
         uint32_t b = (uint32_t)instance->bottom;
         for (uint32_t g = 0; g < top->bottoms[b].input.geometry_count; g++) {
             const struct random_meaning *meaning = &top->bottoms[b].meanings[g];
-            if (!meaning->corners)
+            struct oracle_mesh mesh = random_input_mesh(&top->bottoms[b], g);
+            if (meaning->boxes)
                 continue;
-            const float *corners =
-                instance->flags & INSTANCE_FLIP_FACING ? flip(top, b, g) : (const float *)meaning->corners;
-            top->meshes[top->mesh_count++] =
-                (struct oracle_mesh){.positions = corners,
-                                     .primitive_count = meaning->count,
-                                     .transform = instance->transform,
-                                     .instance = i,
-                                     .geometry = g};
+            if (meaning->corners && instance->flags & INSTANCE_FLIP_FACING)
+                mesh.positions = flip(top, b, g);
+            mesh.transform = instance->transform;
+            mesh.instance = i;
+            top->meshes[top->mesh_count++] = mesh;
         }
     }
 }

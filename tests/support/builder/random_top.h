@@ -17,6 +17,7 @@ struct random_instance {
 
 struct random_top {
     struct build_input input;
+    enum random_choice choice; /* of the kinds of the bottom levels */
     struct geometry geometry;
     /* The caller sets keys and bounds once the bottom levels are built. */
     struct reference references[RANDOM_TOP_BOTTOMS];
@@ -33,8 +34,11 @@ struct random_top {
 };
 
 /*
- * Makes the bottom levels, with 0 .. `most` primitives each, and the top level over them. *ret_top must not be copied.
+ * Makes the bottom levels, of these kinds and with 0 .. `most` primitives each, and the top level over them. *ret_top
+ * must not be copied.
  */
+void random_top_init_of(struct random_top *ret_top, struct random *random, uint32_t most, enum random_choice choice);
+/* Does the same, with flat kinds. */
 void random_top_init(struct random_top *ret_top, struct random *random, uint32_t most);
 void random_top_finish(struct random_top *top);
 
@@ -45,8 +49,8 @@ void random_top_finish(struct random_top *top);
 void random_top_move(void *request, struct random *random);
 
 /*
- * Makes top->meshes, the meaning of the request for the oracle: the triangles of all instances that the cull mask
- * selects. The winding is reversed for instances that flip their facing.
+ * Makes top->meshes, the meaning of the request for the oracle: the primitives, except boxes, of all instances that the
+ * cull mask selects. The winding of triangles is reversed for instances that flip their facing.
  */
 void random_top_mean(struct random_top *top, uint32_t cull_mask);
 
@@ -57,8 +61,11 @@ void random_top_mean(struct random_top *top, uint32_t cull_mask);
 uint32_t random_top_rows(const struct random_top *top, const struct portable_view *views,
                          const struct portable_view *ret_bottoms[RANDOM_TOP_BOTTOMS]);
 
-/* Makes an invertible matrix: rotated, skewed, scaled, often mirroring, sometimes the identity. */
-void random_top_transform(struct random *random, float ret_matrix[12]);
+/*
+ * Makes an invertible matrix: rotated, skewed, scaled, often mirroring, sometimes the identity. Those for flat kinds
+ * scale by more than others, because at a distance a float does not tell what is round and small from its silhouette.
+ */
+void random_top_transform(enum random_choice choice, struct random *random, float ret_matrix[12]);
 
 /* Writes the 64 bytes of a Vulkan instance record that names `handle`. */
 void random_top_record(const struct random_instance *instance, uint64_t handle, unsigned char *ret_record);

@@ -42,22 +42,6 @@ struct random_plan {
     uint32_t indices[]; /* of all corners, without first_vertex */
 };
 
-/*
- * Vertex strides are multiples of the component's size (or of the packed element's); 0 and overlapping elements are
- * allowed.
- */
-static uint64_t random_stride(const struct random_format *format, struct random *random)
-{
-    uint64_t component = random_format_unit(format), element = component * format->stored;
-    if (random_chance(random, 0.5))
-        return element;
-    if (random_chance(random, 0.05))
-        return 0;
-    if (random_chance(random, 0.05))
-        return component;
-    return element + component * random_below(random, 7);
-}
-
 static void make_vertices(struct random_input *input, struct random_plan *plan, struct random *random,
                           struct geometry *geometry)
 {
@@ -145,7 +129,7 @@ static struct random_plan *make_plan(uint32_t count, struct random *random, stru
     *ret_geometry = (struct geometry){.type = GEOMETRY_TRIANGLES, .flags = random_below(random, 4)};
     uint32_t type = index_types[random_below(random, 3)];
     uint32_t unit = type == INDEX_NONE ? random_format_unit(plan->format) : type == INDEX_UINT16 ? 2 : 4;
-    plan->stride = random_stride(plan->format, random);
+    plan->stride = random_format_stride(plan->format, random);
     plan->first_vertex = random_chance(random, 0.3) ? random_below(random, 20) : 0;
     plan->offset = random_chance(random, 0.3) ? unit * random_below(random, 10) : 0;
     plan->vertex_count = type == INDEX_NONE || !count ? 3 * count : 1 + random_below(random, 2 * count + 8);
@@ -207,10 +191,12 @@ static struct random_fields fields(struct geometry *geometry)
     return (struct random_fields){
         .array_count = 3,
         .arrays = {&triangles->vertices, &triangles->indices, &triangles->transform},
-        .format = &triangles->vertex_format,
+        .format_count = 1,
+        .formats = {&triangles->vertex_format},
         .index_type = &triangles->index_type,
         .max_vertex = &triangles->max_vertex,
-        .stride = &triangles->vertex_stride,
+        .stride_count = 1,
+        .strides = {&triangles->vertex_stride},
     };
 }
 
