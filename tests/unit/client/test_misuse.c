@@ -459,7 +459,7 @@ static void traced(const struct bvhd_cpu_blob *blob)
                                          .hit_size = sizeof hits[0],
                                          .ray_count = 1};
     struct bvhd_cpu_trace trace;
-    float numbers[12], corners[3][3], ends[2][4];
+    float numbers[12], corners[3][3];
 #define TRACE(change, where, text)                                                                                     \
     do {                                                                                                               \
         reset();                                                                                                       \
