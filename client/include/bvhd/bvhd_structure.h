@@ -38,10 +38,12 @@
  * With LOW_MEMORY a build by bvhd's own builder never takes more bytes at once, on any number of threads, of each
  * quality and in each target, than the sum of
  *
- *     65,536 + 320 * triangles + 320 * boxes + 400 * instances + 24 * vertices + 256 * geometries + 512 * references
+ *     65,536 + 320 * triangles + 320 * boxes + 320 * spheres + 400 * instances + 24 * vertices + 256 * geometries
+ *     + 512 * references
  *
- * with its result, and without the program's geometry and the threads' stacks. `vertices` are those of indexed
- * geometries, maxVertex + 1 for each, and `references` the bottom levels that are given to a top level.
+ * with its result, and without the program's geometry and the threads' stacks. `spheres` are linear swept spheres, too,
+ * `vertices` those of indexed geometries (maxVertex + 1 for each; of spheres, as many as the indices reach), and
+ * `references` the bottom levels that are given to a top level.
  *
  * Errors are reported as in bvhd.h; a call that fails changes nothing. Places name members of the struct that the call
  * takes, as "info.mode".

@@ -8,12 +8,12 @@
 
 /* The bound: what a build takes for each of these. */
 enum { FIXED = 65536, A_TRIANGLE = 320, A_BOX = 320, AN_INSTANCE = 400, A_VERTEX = 24, A_GEOMETRY = 256 };
-enum { A_REFERENCE = 512 };
+enum { A_REFERENCE = 512, A_SPHERE = 320 };
 
 /* The largest request makes several pieces for each thread. */
-enum { CASES = 48, LARGEST = 40000, GEOMETRIES = 3, REFERENCES = 60, RECORD = 64, FLOAT3 = 106 };
+enum { CASES = 64, LARGEST = 40000, GEOMETRIES = 3, REFERENCES = 60, RECORD = 64, FLOAT1 = 100, FLOAT3 = 106 };
 
-enum kind { TRIANGLES, INDEXED, BOXES, INSTANCES, KINDS };
+enum kind { TRIANGLES, INDEXED, BOXES, INSTANCES, SPHERES, INDEXED_SPHERES, PARTS, STRANDS, KINDS };
 
 /* A random request; pointers lead into the buffers. */
 struct request {
@@ -24,6 +24,7 @@ struct request {
 };
 
 static float positions[9 * LARGEST];
+static float radii[3 * LARGEST];
 static uint32_t indices[3 * LARGEST];
 static unsigned char records[LARGEST * RECORD];
 
@@ -74,6 +75,35 @@ static void add_indexed(struct request *request, uint32_t count, uint32_t vertic
     request->bound += (uint64_t)A_TRIANGLE * count + (uint64_t)A_VERTEX * vertices;
 }
 
+/* Spheres, parts of strands with their own ends, or strands with `vertices` points, which is 0 without indices. */
+static void add_round(struct request *request, enum kind kind, uint32_t count, uint32_t vertices)
+{
+    const uint32_t each = kind == PARTS ? 2 : 1, used = vertices > 0 ? vertices + 1 : each * count;
+    struct geometry_spheres ends = {
+        .vertex_format = FLOAT3,
+        .radius_format = FLOAT1,
+        .index_type = vertices > 0 ? INDEX_UINT32 : INDEX_NONE,
+        .vertex_stride = 12,
+        .radius_stride = 4,
+        .index_stride = 4,
+        .vertices = {(const unsigned char *)positions, (uint64_t)12 * used},
+        .radii = {(const unsigned char *)radii, (uint64_t)4 * used},
+    };
+    struct geometry geometry = {.range.primitive_count = count};
+    if (vertices > 0)
+        ends.indices = (struct bytes){(const unsigned char *)indices, (uint64_t)4 * count};
+    if (kind == SPHERES || kind == INDEXED_SPHERES) {
+        geometry.type = GEOMETRY_SPHERES;
+        geometry.spheres = ends;
+    } else {
+        geometry.type = GEOMETRY_SWEPT_SPHERES;
+        geometry.swept_spheres = (struct geometry_swept_spheres){
+            .ends = ends, .indexing_mode = kind == STRANDS ? SWEPT_SUCCESSIVE : SWEPT_LIST, .end_caps_mode = 1};
+    }
+    request->geometries[request->input.geometry_count++] = geometry;
+    request->bound += (uint64_t)A_SPHERE * count + (vertices > 0 ? (uint64_t)A_VERTEX * used : 0);
+}
+
 static void add_boxes(struct request *request, uint32_t count)
 {
     const struct bytes boxes = {(const unsigned char *)positions, (uint64_t)24 * count};
@@ -111,7 +141,7 @@ static void choose_options(struct build_input *input, struct random *random)
     input->flags = BUILD_LOW_MEMORY | flags[below(random, 3)];
     input->options = (struct build_options){.quality = (enum build_quality)below(random, QUALITY_AUTO + 1),
                                             .target = TARGET_PORTABLE};
-    if (below(random, 3) == 0)
+    if (input->geometries[0].type < GEOMETRY_SPHERES && below(random, 3) == 0)
         input->options = (struct build_options){
             .quality = input->options.quality, .target = TARGET_LAVAPIPE, .device.variant = 1 + below(random, 2)};
     else if (input->type == STRUCTURE_BOTTOM && below(random, 3) == 0)
@@ -126,9 +156,11 @@ static void make_request(struct request *request, struct random *random, enum ki
     request->input = (struct build_input){.type = kind == INSTANCES ? STRUCTURE_TOP : STRUCTURE_BOTTOM,
                                           .geometries = request->geometries};
     make_positions(random, kind == BOXES);
-    const uint32_t vertices = 3 + below(random, (3 * LARGEST >> below(random, 6)) - 3);
-    for (uint32_t i = 0; i < 3 * LARGEST; i++)
+    const uint32_t vertices = 3 + below(random, (3 * LARGEST >> below(random, 6)) - 4);
+    for (uint32_t i = 0; i < 3 * LARGEST; i++) {
         indices[i] = below(random, vertices);
+        radii[i] = 0.01f;
+    }
     for (uint32_t i = 0; i < geometries; i++) {
         const uint32_t most = LARGEST / geometries;
         const uint32_t count = is_largest ? most : below(random, (most / 4 >> below(random, 8)) + 1);
@@ -138,6 +170,8 @@ static void make_request(struct request *request, struct random *random, enum ki
             add_boxes(request, count);
         else if (kind == INDEXED)
             add_indexed(request, count, vertices);
+        else if (kind >= SPHERES)
+            add_round(request, kind, count, kind == INDEXED_SPHERES || kind == STRANDS ? vertices : 0);
         else
             add_triangles(request, count);
     }

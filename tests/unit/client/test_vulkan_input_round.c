@@ -327,6 +327,10 @@ static void arrays_are_judged_alone(void **state)
     geometry = converted(&call);
     assert_int_equal(geometry.spheres.vertices.size, 12);
     assert_int_equal(geometry.spheres.radii.size, 0);
+    call.spheres.indexType = VK_INDEX_TYPE_NONE_KHR; /* indices that are given against a rule are left to validation */
+    geometry = converted(&call);
+    assert_ptr_equal(geometry.spheres.indices.data, call.indices);
+    assert_int_equal(geometry.spheres.indices.size, 0);
     call.spheres.radiusFormat = VK_FORMAT_R32_SFLOAT;
     call.spheres.radiusData.hostAddress = NULL;
     geometry = converted(&call);
