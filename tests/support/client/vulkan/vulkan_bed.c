@@ -41,12 +41,27 @@ static void write_triangles(uint32_t bottom, uint32_t count, float (*triangles)[
     }
 }
 
-static void build_bottom(struct vulkan_bed *bed, uint32_t row)
+/* Makes a sphere around each corner of these triangles. */
+static void build_spheres(struct vulkan_bed *bed, uint32_t row, uint32_t count, float (*triangles)[3][3])
 {
-    uint32_t count = bed->options.triangles;
-    float(*triangles)[3][3] = calloc(count, sizeof *triangles);
-    must(triangles, "no memory", NULL);
-    write_triangles(row, count, triangles);
+    static const float radius = 0.25f;
+    const struct geometry geometry = {
+        .type = GEOMETRY_SPHERES,
+        .flags = GEOMETRY_OPAQUE,
+        .spheres = {.vertex_format = VK_FORMAT_R32G32B32_SFLOAT,
+                    .radius_format = VK_FORMAT_R32_SFLOAT,
+                    .index_type = INDEX_NONE,
+                    .vertex_stride = 12,
+                    .vertices = {(const unsigned char *)triangles, count * sizeof *triangles},
+                    .radii = {(const unsigned char *)&radius, sizeof radius}},
+        .range.primitive_count = 3 * count,
+    };
+    struct build_input input = {.type = STRUCTURE_BOTTOM, .geometries = &geometry};
+    build_row(bed, &input, row);
+}
+
+static void build_triangles(struct vulkan_bed *bed, uint32_t row, uint32_t count, float (*triangles)[3][3])
+{
     const struct geometry geometry = {
         .type = GEOMETRY_TRIANGLES,
         .flags = GEOMETRY_OPAQUE,
@@ -59,6 +74,16 @@ static void build_bottom(struct vulkan_bed *bed, uint32_t row)
     };
     struct build_input input = {.type = STRUCTURE_BOTTOM, .geometries = &geometry};
     build_row(bed, &input, row);
+}
+
+static void build_bottom(struct vulkan_bed *bed, uint32_t row)
+{
+    uint32_t count = bed->options.triangles;
+    bool is_round = bed->options.has_spheres && row + 1 == bed->options.bottoms;
+    float(*triangles)[3][3] = calloc(count, sizeof *triangles);
+    must(triangles, "no memory", NULL);
+    write_triangles(row, count, triangles);
+    (is_round ? build_spheres : build_triangles)(bed, row, count, triangles);
     free(triangles);
 }
 

@@ -7,136 +7,16 @@
 
 #include <math.h>
 
-#include "builder/build.h"
-#include "builder/input/prepare.h"
 #include "builder/traverse/traverse.h"
 #include "client/bvhctl/gpu/gpu.h"
 #include "client/bvhctl/trace/device_ray.h"
 #include "client/vulkan/vulkan_tracer.h"
-#include "tests/support/builder/builders.h"
-#include "tests/support/random.h"
+#include "tests/support/client/vulkan/trace_scene.h"
 
-enum {
-    SKIPPED = 77,
-    SCATTERED = 1500,
-    COPIES = 60,
-    STRIP = 40,
-    SLIVERS = 30,
-    FIRST_GEOMETRY = 1000,
-    TRIANGLES = SCATTERED + COPIES + STRIP + SLIVERS,
-    RAYS = 4000,
-    FEW = 50,
-    EDGES = 2,
-    FINE_BYTES = 1 << 24,
-    FINE_COPIES = 240
-};
+enum { SKIPPED = 77, FEW = 50, EDGES = 2, FINE_BYTES = 1 << 24, FINE_COPIES = 240 };
 
-static struct memory memory;
 static struct gpu *gpu;
-static float positions[TRIANGLES * 3][3];
-static struct ray rays[RAYS];
 static float unit = 1; /* of t */
-
-/* Long and slim, each in a direction of its own: their normals are lost in products of floats. */
-static void make_slivers(float (*corners)[3])
-{
-    struct random random = {13};
-    for (int i = 0; i < SLIVERS; i++, corners += 3)
-        for (int axis = 0; axis < 3; axis++) {
-            float along = (float)random_between(&random, -4, 4);
-            corners[0][axis] = (float)random_between(&random, -3, 3);
-            corners[1][axis] = corners[0][axis] + along;
-            corners[2][axis] = corners[0][axis] + along / 2 + (float)random_between(&random, -2e-3, 2e-3);
-        }
-}
-
-/* Scattered triangles; one large one many times over; a strip whose triangles share their edges; slivers. */
-static void make_triangles(void)
-{
-    struct random random = {7};
-    for (int i = 0; i < SCATTERED * 3; i++)
-        for (int axis = 0; axis < 3; axis++)
-            positions[i][axis] =
-                (float)random_between(&random, -1, 1) + (i % 3 ? positions[i - i % 3][axis] * 0.9f : 0);
-    static const float copied[3][3] = {{-3, -3, 2.5f}, {3, -3, 2.5f}, {0, 4, 2.5f}};
-    for (int i = 0; i < COPIES; i++)
-        memcpy(positions[(SCATTERED + i) * 3], copied, sizeof copied);
-    for (int i = 0; i < STRIP; i++)
-        for (int k = 0; k < 3; k++) {
-            float *corner = positions[(SCATTERED + COPIES + i) * 3 + k];
-            corner[0] = (float)((i + k) / 2) * 0.2f - 4;
-            corner[1] = (i + k) % 2 ? 1 : -1;
-            corner[2] = -3;
-        }
-    make_slivers(&positions[(SCATTERED + COPIES + STRIP) * 3]);
-}
-
-/* From where the ray is to a place within a sliver. */
-static void aim_at_sliver(struct ray *ray, int i)
-{
-    float(*corners)[3] = &positions[(SCATTERED + COPIES + STRIP + i % SLIVERS) * 3];
-    for (int axis = 0; axis < 3; axis++)
-        ray->direction[axis] =
-            (corners[0][axis] * 0.2f + corners[1][axis] * 0.3f + corners[2][axis] * 0.5f) - ray->origin[axis];
-}
-
-/*
- * Half of them next to each other and nearly parallel, along edges of the strip too; half of them in all directions,
- * some to slivers.
- */
-static void make_rays(void)
-{
-    struct random random = {11};
-    for (int i = 0; i < RAYS; i++) {
-        rays[i] = (struct ray){.tmax = i % 9 ? INFINITY : 5, .cull_mask = 0xff};
-        bool is_parallel = i < RAYS / 2;
-        for (int axis = 0; axis < 3; axis++) {
-            rays[i].origin[axis] = is_parallel ? (axis == 2 ? 6 : 0) : (float)random_between(&random, -4, 4);
-            rays[i].direction[axis] = (float)random_between(&random, -1, 1);
-        }
-        if (is_parallel) {
-            rays[i].origin[0] = (float)(i % 50) * 0.1f - 4;
-            rays[i].origin[1] = (float)(i / 50) * 0.1f - 2;
-            rays[i].direction[0] = rays[i].direction[1] = 0;
-            rays[i].direction[2] = -1;
-        } else if (i % 8 == 0)
-            aim_at_sliver(&rays[i], i);
-    }
-}
-
-static uint32_t blobs_built;
-
-static void build_blob(uint32_t layout_flags, struct bytes *ret_blob)
-{
-    struct bvhd_error error;
-    struct canonical canonical;
-    struct build_stats stats;
-    unsigned char *blob;
-    struct limits limits = limits_default();
-    struct build_context context = {.memory = &memory, .parallel = &parallel_serial};
-    struct geometry geometries[2];
-    for (int i = 0; i < 2; i++)
-        geometries[i] =
-            (struct geometry){.type = GEOMETRY_TRIANGLES,
-                              .triangles = {.vertex_format = VK_FORMAT_R32G32B32_SFLOAT,
-                                            .max_vertex = TRIANGLES * 3 - 1,
-                                            .vertex_stride = 12,
-                                            .index_type = INDEX_NONE,
-                                            .vertices = {(const unsigned char *)positions, sizeof positions}},
-                              .range = {.primitive_count = i ? TRIANGLES - FIRST_GEOMETRY : FIRST_GEOMETRY,
-                                        .first_vertex = i ? 3 * FIRST_GEOMETRY : 0}};
-    struct build_input input = {.type = STRUCTURE_BOTTOM,
-                                .geometry_count = 2,
-                                .geometries = geometries,
-                                .options = {.quality = QUALITY_BALANCED,
-                                            .target = TARGET_PORTABLE,
-                                            .layout_flags = layout_flags,
-                                            .builder = builders_turn(blobs_built++)}};
-    assert_int_equal(prepare(&input, 0, &limits, &context, &canonical, &error), BVHD_OK);
-    assert_int_equal(build(&canonical, &input.options, &context, &blob, &stats, &error), BVHD_OK);
-    prepare_finish(&canonical, &memory);
-    *ret_blob = (struct bytes){blob, stats.sizes.total};
-}
 
 /* Whose barycentrics are all rounding. */
 static bool is_sliver(const struct ray_hit *hit)
@@ -150,11 +30,15 @@ static bool is_sliver(const struct ray_hit *hit)
  */
 static unsigned count_differing(const struct scene *scene, const struct bvhd_hit *hits, unsigned *ret_hit)
 {
+    static const uint32_t kinds[PORTABLE_CONTENTS] = {
+        [PORTABLE_SPHERES] = BVHD_HIT_SPHERE, [PORTABLE_SWEPT_SPHERES] = BVHD_HIT_SWEPT_SPHERE};
     unsigned differing = 0, met = 0;
     for (int i = 0; i < RAYS; i++) {
         struct ray_hit hit;
         bool is_hit = traverse(scene, &rays[i], NULL, &hit, NULL);
         met += is_hit;
+        if (!isinf(hits[i].t))
+            assert_int_equal(hits[i].flags & ~1u, kinds[scene->bottoms[0]->header->content]);
         if (!is_hit || isinf(hits[i].t))
             differing += is_hit != !isinf(hits[i].t);
         else
@@ -218,7 +102,8 @@ static void open_buffers(struct bed *bed)
     uint64_t scratch = bvhd_tracer_scratch_size(bed->tracer, RAYS);
     MUST(gpu_buffer_create(gpu, RAYS * sizeof(struct bvhd_ray), usage, GPU_UPLOAD, &bed->rays, &error_) != BVHD_OK);
     MUST(gpu_buffer_create(gpu, RAYS * sizeof(struct bvhd_hit), usage, GPU_READBACK, &bed->hits, &error_) != BVHD_OK);
-    MUST(gpu_buffer_create(gpu, scratch, usage, GPU_READBACK, &bed->scratch, &error_) != BVHD_OK);
+    MUST(gpu_buffer_create(gpu, scratch ? scratch : VULKAN_TRACE_HEAD, usage, GPU_READBACK, &bed->scratch, &error_) !=
+         BVHD_OK);
 }
 
 enum device_kind { WITH_DOUBLES, WITHOUT_DOUBLES, WITHOUT_ADDRESSES, WITH_SMALL_HALVES };
@@ -472,6 +357,31 @@ static void test_fast_triangles(void **state)
     try_layout(PORTABLE_FAST_TRIANGLES, WITHOUT_DOUBLES);
 }
 
+/* Spheres and linear swept spheres are traced by the query, in whatever order rays are. */
+static void test_round(void **state)
+{
+    (void)state;
+    for (int kind = WITHOUT_DOUBLES; kind <= WITHOUT_ADDRESSES; kind++)
+        for (uint32_t type = GEOMETRY_SPHERES; type <= GEOMETRY_SWEPT_SPHERES; type++) {
+            struct bytes blob;
+            struct bed bed;
+            struct portable_view view;
+            struct vulkan_trace_counters counters;
+            build_round(type, &blob);
+            assert_int_equal(portable_open(blob, &memory, &view, NULL), BVHD_OK);
+            const struct portable_view *const bottoms[] = {&view};
+            const struct scene scene = {.bottoms = bottoms, .bottom_count = 1};
+            open_bed(&bed, &blob, 1, (enum device_kind)kind);
+            assert_false(bed.tracer->has_closest);
+            for (int way = BY_QUERY; way <= INCOHERENT; way++) {
+                trace_in_batches(&bed, (enum way)way, &scene, RAYS, &counters);
+                trace_any_hit(&bed, (enum way)way, &scene);
+            }
+            close_bed(&bed);
+            memory_free(&memory, (void *)(uintptr_t)blob.data);
+        }
+}
+
 /* A scene in the program's own buffer, described by its bytes, is traced as the library's scene is. */
 static void test_own_buffer(void **state)
 {
@@ -539,7 +449,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_order),          cmocka_unit_test(test_small_halves), cmocka_unit_test(test_indexed),
         cmocka_unit_test(test_large_steps),    cmocka_unit_test(test_fine),         cmocka_unit_test(test_own_buffer),
-        cmocka_unit_test(test_fast_triangles), cmocka_unit_test(test_both),
+        cmocka_unit_test(test_fast_triangles), cmocka_unit_test(test_both),         cmocka_unit_test(test_round),
     };
     struct bvhd_error error;
     memory_init(&memory, UINT64_MAX);

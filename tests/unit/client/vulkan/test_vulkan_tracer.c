@@ -24,10 +24,10 @@ struct world {
 
 static struct world world;
 
-static void begin(bool has_addresses, uint32_t instances)
+static void begin_with(bool has_addresses, uint32_t instances, bool has_spheres)
 {
     const struct vulkan_bed_options options = {
-        .target = TARGET_PORTABLE, .bottoms = 2, .instances = instances, .triangles = 20};
+        .target = TARGET_PORTABLE, .bottoms = 2, .instances = instances, .triangles = 20, .has_spheres = has_spheres};
     struct bvhd_error error = {0};
     vulkan_bed_init(&world.bed, &options);
     const struct bvhd_vulkan_device_options device = fake_vulkan_options(false, has_addresses, &callbacks);
@@ -43,6 +43,11 @@ static void begin(bool has_addresses, uint32_t instances)
     world.hits = fake_vulkan_buffer(RAYS * 32, VK_BUFFER_USAGE_STORAGE_BUFFER_BIT, false, NULL);
     world.scratch = fake_vulkan_buffer(
         RAYS * 28 + 16 + 128, VK_BUFFER_USAGE_STORAGE_BUFFER_BIT | VK_BUFFER_USAGE_TRANSFER_DST_BIT, false, NULL);
+}
+
+static void begin(bool has_addresses, uint32_t instances)
+{
+    begin_with(has_addresses, instances, false);
 }
 
 static void end(void)
@@ -132,23 +137,46 @@ static void records_are_a_few_dispatches(void **state)
     }
 }
 
-static void without_ballots_there_is_the_query(void **state)
+/* All rays are traced by the query alone. */
+static void expect_query_only(void)
 {
-    (void)state;
     struct bvhd_trace_binding *binding = NULL;
-    fake_vulkan_reset();
-    fake_vulkan.subgroup_operations = VK_SUBGROUP_FEATURE_BASIC_BIT;
-    begin(true, 0);
     const struct bvhd_tracer_options options = tracer_options();
     struct bvhd_tracer *tracer = create(&options);
     assert_int_equal(bvhd_tracer_scratch_size(tracer, RAYS), 0);
     const struct bvhd_trace_buffers buffers = trace_buffers();
     assert_int_equal(bvhd_tracer_bind(tracer, &buffers, &binding, NULL), BVHD_OK);
-    assert_int_equal(record(binding, trace_of(RAYS, BVHD_TRACE_ANY_HIT, BVHD_RAYS_COHERENT)), 1);
-    assert_true(fake_vulkan.dispatches[0].pipeline == tracer->query);
+    for (int order = 0; order < 2; order++) {
+        const struct bvhd_trace trace =
+            trace_of(RAYS, BVHD_TRACE_ANY_HIT, order ? BVHD_RAYS_INCOHERENT : BVHD_RAYS_COHERENT);
+        assert_int_equal(record(binding, trace), 1);
+        assert_true(fake_vulkan.dispatches[0].pipeline == tracer->query);
+    }
     bvhd_trace_binding_destroy(binding);
     bvhd_tracer_destroy(tracer);
+}
+
+static void without_ballots_there_is_the_query(void **state)
+{
+    (void)state;
+    fake_vulkan_reset();
+    fake_vulkan.subgroup_operations = VK_SUBGROUP_FEATURE_BASIC_BIT;
+    begin(true, 0);
+    expect_query_only();
     end();
+}
+
+/* One structure of spheres is enough, whatever the others hold. */
+static void spheres_are_traced_by_the_query(void **state)
+{
+    (void)state;
+    for (int has_addresses = 0; has_addresses < 2; has_addresses++)
+        for (uint32_t instances = 0; instances <= 3; instances += 3) {
+            fake_vulkan_reset();
+            begin_with(has_addresses, instances, true);
+            expect_query_only();
+            end();
+        }
 }
 
 /* Only the counters of the caller's scratch memory are cleared, at its offset. */
@@ -352,7 +380,8 @@ int main(void)
         cmocka_unit_test(records_are_a_few_dispatches), cmocka_unit_test(without_ballots_there_is_the_query),
         cmocka_unit_test(scratch_may_be_the_callers),   cmocka_unit_test(bad_options_are_refused),
         cmocka_unit_test(old_devices_are_refused),      cmocka_unit_test(bad_buffers_are_refused),
-        cmocka_unit_test(bad_records_are_refused),      cmocka_unit_test(every_failure_leaves_nothing),
+        cmocka_unit_test(bad_records_are_refused),      cmocka_unit_test(spheres_are_traced_by_the_query),
+        cmocka_unit_test(every_failure_leaves_nothing),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
