@@ -47,6 +47,11 @@ static enum candidate_verdict note(void *context, const struct ray *ray, const s
 
 /* ---- candidates of one side only ---- */
 
+static bool is_round(const struct ray_hit *hit)
+{
+    return hit->is_sphere || hit->is_swept_sphere;
+}
+
 static const struct portable_instance *find_instance(const struct scene *scene, uint32_t instance)
 {
     const struct portable_instance *records = scene->top ? scene->top->records : NULL;
@@ -94,8 +99,8 @@ static bool is_box_right(const struct scene *scene, const struct ray *ray, const
                : !candidates_surely_meet(&local, box, 1e-5L);
 }
 
-static bool is_triangle_right(const struct scene *scene, const struct ray *ray, const struct ray_hit *hit,
-                              bool is_candidate, struct memory *memory)
+static bool is_primitive_right(const struct scene *scene, const struct ray *ray, const struct ray_hit *hit,
+                               bool is_candidate, struct memory *memory)
 {
     struct shader_case shared = {.flags = ray->flags, .cull_mask = ray->cull_mask};
     struct shader_meshes meshes;
@@ -108,11 +113,8 @@ static bool is_triangle_right(const struct scene *scene, const struct ray *ray, 
     moved.primitive = 0;
     shader_meshes_make(scene, &shared, &meshes);
     for (uint32_t i = 0; i < meshes.count && count < 2; i++)
-        if (meshes.meshes[i].instance == hit->instance && meshes.meshes[i].geometry == hit->geometry) {
-            one[count] = meshes.meshes[i];
-            one[count].positions += 9 * (size_t)hit->primitive;
-            one[count++].primitive_count = 1;
-        }
+        if (meshes.meshes[i].instance == hit->instance && meshes.meshes[i].geometry == hit->geometry)
+            one[count++] = shader_meshes_one(&meshes.meshes[i], hit->primitive);
     if (count && oracle_trace(one, count, ray, 1, memory, &parallel_serial, NULL, NULL, &answer, &error) == BVHD_OK) {
         is_right = oracle_judge(&answer, is_candidate ? &moved : NULL, NULL) <= ORACLE_UNDECIDED;
         oracle_finish(&answer, 1, memory);
@@ -145,8 +147,10 @@ static bool is_told_rightly(const struct scene *scene, const struct ray *ray, co
     if (hit->is_aabb)
         return find_box(bottom, hit, box) &&
                shader_accuracy_allows_entry(ray, matrix, box, bottom->header->bounds, hit->t);
+    if (is_round(hit))
+        return hit->front_face && is_primitive_right(scene, ray, hit, true, memory);
     if (hit->front_face != theirs->front_face)
-        return is_triangle_right(scene, ray, hit, false, memory);
+        return is_primitive_right(scene, ray, hit, false, memory);
     traverse_positions(scene, theirs, corners);
     return shader_accuracy_allows(ray, matrix, corners, hit);
 }
@@ -171,8 +175,8 @@ static void judge_missing(const char *what, const struct scene *scene, const str
         if (find(other, hit))
             continue;
         tally->differing++;
-        bool is_right =
-            hit->is_aabb ? is_box_right(scene, ray, hit, is_ours) : is_triangle_right(scene, ray, hit, is_ours, memory);
+        bool is_right = hit->is_aabb ? is_box_right(scene, ray, hit, is_ours)
+                                     : is_primitive_right(scene, ray, hit, is_ours, memory);
         if (!is_right)
             report(what, is_ours ? "must not be one" : "is missing", ray, hit, tally);
     }
@@ -236,16 +240,34 @@ static bool are_matrices_right(const struct portable_instance *instance, const s
     return true;
 }
 
+/* The corners of a triangle; of spheres and linear swept spheres both centres, and both radii; 0 of a box. */
+static void expect_corners(const struct scene *scene, const struct ray_hit *hit, float ret_corners[3][3])
+{
+    const struct portable_view *bottom = scene->bottoms[hit->handle];
+    float ends[2][4];
+    memset(ret_corners, 0, sizeof(float[3][3]));
+    if (hit->is_aabb)
+        return;
+    if (!is_round(hit)) {
+        traverse_positions(scene, hit, ret_corners);
+        return;
+    }
+    shader_meshes_ends(bottom, hit->record, ends);
+    for (int end = 0; end < 2; end++) {
+        memcpy(ret_corners[end], ends[end], 12);
+        ret_corners[2][end] = ends[end][3];
+    }
+}
+
 static const char *wrong_detail(const struct scene *scene, const struct ray *ray, const struct ray_hit *hit,
                                 const struct shader_details *details)
 {
     const struct portable_instance *instance = find_instance(scene, hit->instance);
     struct long_ray local = candidates_ray(ray);
-    float corners[3][3] = {{0}};
+    float corners[3][3];
     if (instance)
         local = candidates_ray_into(&local, instance->object_to_world);
-    if (!hit->is_aabb)
-        traverse_positions(scene, hit, corners);
+    expect_corners(scene, hit, corners);
     if (memcmp(corners, details->corners, sizeof corners) != 0)
         return "has other corners";
     if (!are_matrices_right(instance, details))

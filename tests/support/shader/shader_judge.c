@@ -37,158 +37,6 @@ enum candidate_verdict shader_judge_candidate(void *context, const struct ray *r
     }
 }
 
-/* ---- meshes ---- */
-
-/* Makes something that rays can be aimed at: a triangle through opposite corners of each box. */
-static void unpack_boxes(const struct portable_view *view, float *positions)
-{
-    for (uint32_t i = 0; i < view->header->record_count; i++) {
-        const struct portable_aabb *box = (const struct portable_aabb *)view->records + i;
-        float *corners = positions + UINT64_C(9) * (box->id & PORTABLE_ID_MASK);
-        memcpy(corners, box->min, 12);
-        memcpy(corners + 3, box->max, 12);
-        memcpy(corners + 6, (const float[3]){box->min[0], box->max[1], box->min[2]}, 12);
-    }
-}
-
-static float *unpack(const struct portable_view *view)
-{
-    uint64_t count = UINT64_C(9) * view->header->primitive_count;
-    float *positions = allocate(count, sizeof *positions);
-    for (uint64_t i = 0; i < count; i++)
-        positions[i] = NAN;
-    if (view->header->content == PORTABLE_AABBS) {
-        unpack_boxes(view, positions);
-        return positions;
-    }
-    for (uint32_t i = 0; i < view->header->record_count; i++) {
-        const struct portable_indexed_triangle *indexed = (const struct portable_indexed_triangle *)view->records + i;
-        const struct portable_triangle *fast = (const struct portable_triangle *)view->records + i;
-        bool is_fast = view->header->content == PORTABLE_TRIANGLES;
-        float *corners = positions + UINT64_C(9) * ((is_fast ? fast->id : indexed->id) & PORTABLE_ID_MASK);
-        const float *const fasts[3] = {fast->v0, fast->v1, fast->v2};
-        for (int k = 0; k < 3; k++)
-            memcpy(corners + 3 * k, is_fast ? fasts[k] : view->vertices + UINT64_C(3) * indexed->vertices[k], 12);
-    }
-    return positions;
-}
-
-static bool is_opaque(const struct shader_case *rays, uint32_t instance_flags, uint32_t geometry_flags)
-{
-    if (rays->flags & (RAY_OPAQUE | RAY_NO_OPAQUE))
-        return rays->flags & RAY_OPAQUE;
-    if (instance_flags & (INSTANCE_FORCE_OPAQUE | INSTANCE_FORCE_NO_OPAQUE))
-        return instance_flags & INSTANCE_FORCE_OPAQUE;
-    return geometry_flags & GEOMETRY_OPAQUE;
-}
-
-static float *keep_positions(struct shader_meshes *meshes, float *positions)
-{
-    return meshes->positions[meshes->position_count++] = positions;
-}
-
-static float *copy_accepted(const struct oracle_mesh *mesh)
-{
-    float *copy = allocate(UINT64_C(9) * mesh->primitive_count, sizeof *copy);
-    memcpy(copy, mesh->positions, (size_t)36 * mesh->primitive_count);
-    for (uint32_t i = 0; i < mesh->primitive_count; i++)
-        if (!shader_policy_accepts(mesh->instance, mesh->geometry, i))
-            copy[UINT64_C(9) * i] = NAN;
-    return copy;
-}
-
-static float *copy_turned(const struct oracle_mesh *mesh)
-{
-    float *copy = allocate(UINT64_C(9) * mesh->primitive_count, sizeof *copy);
-    for (uint64_t i = 0; i < mesh->primitive_count; i++) {
-        memcpy(copy + 9 * i, mesh->positions + 9 * i, 12);
-        memcpy(copy + 9 * i + 3, mesh->positions + 9 * i + 6, 12);
-        memcpy(copy + 9 * i + 6, mesh->positions + 9 * i + 3, 12);
-    }
-    return copy;
-}
-
-static void add_mesh(struct shader_meshes *meshes, const struct shader_case *rays, struct oracle_mesh mesh,
-                     uint32_t instance_flags, uint32_t geometry_flags)
-{
-    if (!rays) {
-        meshes->meshes[meshes->count++] = mesh;
-        return;
-    }
-    bool opaque = is_opaque(rays, instance_flags, geometry_flags);
-    if (rays->flags & (RAY_SKIP_TRIANGLES | (opaque ? RAY_CULL_OPAQUE : RAY_CULL_NO_OPAQUE)))
-        return;
-    if (!opaque && rays->policy == SHADER_IGNORE)
-        return;
-    if (!opaque && rays->policy == SHADER_SOME)
-        mesh.positions = keep_positions(meshes, copy_accepted(&mesh));
-    bool is_culling = rays->flags & (RAY_CULL_BACK_FACING | RAY_CULL_FRONT_FACING);
-    struct oracle_mesh turned = mesh;
-    if (is_culling && instance_flags & (INSTANCE_FLIP_FACING | INSTANCE_CULL_DISABLE))
-        turned.positions = keep_positions(meshes, copy_turned(&mesh));
-    /* Where nothing is culled, both orientations can be hit. */
-    if (!is_culling || !(instance_flags & INSTANCE_FLIP_FACING) || instance_flags & INSTANCE_CULL_DISABLE)
-        meshes->meshes[meshes->count++] = mesh;
-    if (turned.positions != mesh.positions)
-        meshes->meshes[meshes->count++] = turned;
-}
-
-static void add_bottom(struct shader_meshes *meshes, const struct shader_case *rays, const struct portable_view *view,
-                       const float *positions, const struct portable_instance *instance)
-{
-    for (uint32_t g = 0; g < view->header->geometry_count; g++) {
-        const struct portable_geometry *geometry = &view->geometries[g];
-        struct oracle_mesh mesh = {
-            .positions = positions + UINT64_C(9) * geometry->first_primitive,
-            .primitive_count = geometry->primitive_count,
-            .transform = instance ? instance->object_to_world : NULL,
-            .instance = instance ? instance->instance : RAY_NO_INSTANCE,
-            .geometry = g,
-        };
-        add_mesh(meshes, rays, mesh, instance ? instance->sbt_and_flags >> 24 : 0, geometry->flags);
-    }
-}
-
-static uint64_t most_meshes(const struct scene *scene)
-{
-    uint64_t count = 0;
-    for (uint32_t i = 0; scene->top && i < scene->top->header->record_count; i++) {
-        const struct portable_view *view =
-            scene->bottoms[((const struct portable_instance *)scene->top->records)[i].handle];
-        count += view ? view->header->geometry_count : 0;
-    }
-    return scene->top ? count : scene->bottoms[0]->header->geometry_count;
-}
-
-void shader_meshes_make(const struct scene *scene, const struct shader_case *rays, struct shader_meshes *ret_meshes)
-{
-    uint64_t most = most_meshes(scene);
-    struct shader_meshes meshes = {.meshes = allocate(2 * most, sizeof *meshes.meshes),
-                                   .positions = allocate(2 * most + scene->bottom_count, sizeof *meshes.positions)};
-    float **bottoms = allocate(scene->bottom_count, sizeof *bottoms);
-    for (uint32_t i = 0; i < scene->bottom_count; i++)
-        if (scene->bottoms[i] && (!rays || scene->bottoms[i]->header->content <= PORTABLE_TRIANGLES))
-            bottoms[i] = keep_positions(&meshes, unpack(scene->bottoms[i]));
-    if (!scene->top && bottoms[0])
-        add_bottom(&meshes, rays, scene->bottoms[0], bottoms[0], NULL);
-    for (uint32_t i = 0; scene->top && i < scene->top->header->record_count; i++) {
-        const struct portable_instance *instance = (const struct portable_instance *)scene->top->records + i;
-        if (bottoms[instance->handle] && (!rays || instance->custom_and_mask >> 24 & rays->cull_mask))
-            add_bottom(&meshes, rays, scene->bottoms[instance->handle], bottoms[instance->handle], instance);
-    }
-    free(bottoms);
-    *ret_meshes = meshes;
-}
-
-void shader_meshes_finish(struct shader_meshes *meshes)
-{
-    for (uint32_t i = 0; i < meshes->position_count; i++)
-        free(meshes->positions[i]);
-    free(meshes->positions);
-    free(meshes->meshes);
-    *meshes = (struct shader_meshes){0};
-}
-
 /* ---- comparing ---- */
 
 struct ray_hit shader_judge_hit(const struct shader_intersection *hit)
@@ -202,14 +50,16 @@ struct ray_hit shader_judge_hit(const struct shader_intersection *hit)
                             .geometry = hit->geometry,
                             .primitive = hit->primitive,
                             .front_face = hit->flags & 1,
-                            .is_aabb = hit->flags & 2};
+                            .is_aabb = hit->flags & 2,
+                            .is_sphere = hit->flags & 4,
+                            .is_swept_sphere = hit->flags & 8};
 }
 
 static bool same_primitive(const struct ray_hit *a, const struct ray_hit *b)
 {
     return a->instance == b->instance && a->custom_index == b->custom_index && a->sbt_offset == b->sbt_offset &&
            a->geometry == b->geometry && a->primitive == b->primitive && a->front_face == b->front_face &&
-           a->is_aabb == b->is_aabb;
+           a->is_aabb == b->is_aabb && a->is_sphere == b->is_sphere && a->is_swept_sphere == b->is_swept_sphere;
 }
 
 /*

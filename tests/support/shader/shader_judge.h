@@ -6,15 +6,7 @@
 #ifndef BVHD_SHADER_JUDGE_H
 #define BVHD_SHADER_JUDGE_H
 
-#include "client/bvhctl/oracle/oracle.h"
-#include "tests/support/shader/shader_bed.h"
-
-/* The properties that a group of rays shares. */
-struct shader_case {
-    uint32_t flags; /* RAY_ */
-    uint8_t cull_mask;
-    enum shader_policy policy;
-};
+#include "tests/support/shader/shader_meshes.h"
 
 struct shader_tally {
     uint64_t rays, hits; /* hits of the CPU */
@@ -26,20 +18,6 @@ struct shader_tally {
     uint64_t certain; /* all other differing rays: defects */
     uint64_t other_bits; /* the same primitive, but t is not equal in every bit */
 };
-
-/*
- * The triangles of a scene that rays of a case can hit, for the double reference. Without a case (NULL): all of them,
- * and one for each box, to aim at.
- */
-struct shader_meshes {
-    struct oracle_mesh *meshes;
-    uint32_t count;
-    float **positions; /* the arrays that `meshes` point to */
-    uint32_t position_count;
-};
-
-void shader_meshes_make(const struct scene *scene, const struct shader_case *rays, struct shader_meshes *ret_meshes);
-void shader_meshes_finish(struct shader_meshes *meshes);
 
 /*
  * Judges the answers. rays[i].flags and cull_mask must be those of the case. Adds to *tally, and prints the first
