@@ -2,11 +2,13 @@
 /*
  * shader_agreement.c - tests ray queries of the shaders over random structures and instances.
  *
- *     shader_agreement [--device NAME] [COUNT [SEED]]
+ *     shader_agreement [--device NAME] [--kinds flat|round|all] [COUNT [SEED]]
  *
  * It covers every combination of ray flags, masks, opacities and facings; AABBs; candidates that are accepted, ignored,
  * accepted in part, or that end the query; through a storage buffer and through addresses. Each ray is compared with
- * the CPU traversal, and where they differ, with references.
+ * the CPU traversal, and where they differ, with references. Structures are of triangles and AABBs (flat), of spheres
+ * and linear swept spheres (round), or of all of them; without --kinds they are flat, and the shader is the one that
+ * knows no others.
  *
  * The exit status is 1 when something is wrong, and 77 without a device.
  */
@@ -29,6 +31,7 @@ struct run {
     struct shader_bed *beds[2];
     struct shader_full_answer *answers;
     uint64_t seed, scenes, defects;
+    enum random_choice kinds;
     struct shader_tally tally;
     struct shader_candidate_tally candidates;
 };
@@ -55,13 +58,20 @@ static struct shader_case random_case(struct random *random)
     return shared;
 }
 
-/* Aims exactly at a corner of a random triangle, where a traversal that is not watertight leaks. */
+/*
+ * Aims exactly at a corner of a random triangle, where a traversal that is not watertight leaks; at a centre, or at a
+ * point that lies on the outline of the sphere around it along an axis.
+ */
 static void aim_at_corner(const struct shader_meshes *meshes, struct random *random, struct ray *ray)
 {
     const struct oracle_mesh *mesh = &meshes->meshes[random_below(random, meshes->count)];
     if (!mesh->primitive_count || mesh->transform)
         return;
-    const float *corner = mesh->positions + (uint64_t)3 * random_below(random, 3 * mesh->primitive_count);
+    const uint32_t vertex = random_below(random, shader_meshes_vertices(mesh->shape) * mesh->primitive_count);
+    float corner[3];
+    memcpy(corner, mesh->positions + (uint64_t)3 * vertex, sizeof corner);
+    if (mesh->shape != ORACLE_TRIANGLES && random_chance(random, 0.7))
+        corner[random_below(random, 3)] += random_chance(random, 0.5) ? mesh->radii[vertex] : -mesh->radii[vertex];
     for (int axis = 0; axis < 3; axis++)
         if (!isfinite(corner[axis] - ray->origin[axis]))
             return;
@@ -120,20 +130,23 @@ static bool is_promised(const struct scene *scene, const struct shader_meshes *a
     for (uint32_t i = 0; i < scene->bottom_count; i++)
         if (scene->bottoms[i]->header->node_count && !is_in_range(scene->bottoms[i]->header->bounds, 6))
             return false;
-    for (uint32_t i = 0; i < aims->count; i++)
+    for (uint32_t i = 0; i < aims->count; i++) {
+        const uint32_t vertices = shader_meshes_vertices(aims->meshes[i].shape);
         for (uint64_t k = 0; k < aims->meshes[i].primitive_count; k++)
-            if (!is_in_range(aims->meshes[i].positions + 9 * k, 9))
+            if (!is_in_range(aims->meshes[i].positions + 3 * vertices * k, 3 * (int)vertices) ||
+                !is_in_range(aims->meshes[i].radii + vertices * k, (int)vertices))
                 return false;
+    }
     return !scene->top || !scene->top->header->node_count || is_in_range(scene->top->header->bounds, 6);
 }
 
 static void trace_case(struct run *run, struct shader_bed *bed, const struct scene *scene,
                        const struct shader_case *shared, const struct ray *rays)
 {
-    char what[80];
+    char what[100];
     struct shader_answer answers[RAYS];
-    snprintf(what, sizeof what, "shader_agreement 1 %llu (flags %x, policy %d)", (unsigned long long)run->seed,
-             shared->flags, shared->policy);
+    snprintf(what, sizeof what, "shader_agreement --kinds %s 1 %llu (flags %x, policy %d)",
+             random_choice_name(run->kinds), (unsigned long long)run->seed, shared->flags, shared->policy);
     shader_bed_trace(bed, rays, RAYS, shared->policy, answers);
     shader_judge(what, scene, shared, rays, RAYS, answers, &parallel_serial, &run->memory, &run->tally);
     shader_bed_trace_fully(bed, rays, RAYS, shared->policy, run->answers);
@@ -171,7 +184,8 @@ static void build_one(struct run *run, const struct build_input *input, struct b
     told.options.builder = builders_turn(run->seed / 2);
     if (batch_build(&told, 1, &limits, &context, ret_item, &error) != BVHD_OK || ret_item->status != BVHD_OK ||
         portable_open((struct bytes){ret_item->blob, ret_item->size}, &run->memory, ret_view, &error) != BVHD_OK) {
-        fprintf(stderr, "shader_agreement 1 %llu: does not build\n", (unsigned long long)run->seed);
+        fprintf(stderr, "shader_agreement --kinds %s 1 %llu: does not build: %s\n", random_choice_name(run->kinds),
+                (unsigned long long)run->seed, ret_item->error.text[0] ? ret_item->error.text : error.text);
         exit(1);
     }
 }
@@ -183,7 +197,7 @@ static void run_bottom(struct run *run, struct random *random)
     struct portable_view view;
     const struct portable_view *bottoms[1] = {&view};
     struct scene scene = {.bottoms = bottoms, .bottom_count = 1};
-    random_input_bottom(&bottom, random, MOST_PRIMITIVES);
+    random_input_bottom_of(&bottom, random, MOST_PRIMITIVES, run->kinds);
     build_one(run, &bottom.input, &item, &view);
     trace_scene(run, &scene, random);
     batch_finish(&item, 1, &run->memory);
@@ -196,7 +210,7 @@ static void run_top(struct run *run, struct random *random)
     struct batch_item items[RANDOM_TOP_BOTTOMS + 1];
     struct portable_view views[RANDOM_TOP_BOTTOMS + 1];
     const struct portable_view *bottoms[RANDOM_TOP_BOTTOMS];
-    random_top_init(&top, random, MOST_BELOW_TOP);
+    random_top_init_of(&top, random, MOST_BELOW_TOP, run->kinds);
     for (uint32_t i = 0; i < top.bottom_count; i++) {
         build_one(run, &top.bottoms[i].input, &items[i], &views[i]);
         top.references[i].key = items[i].key;
@@ -216,7 +230,7 @@ static void run_top(struct run *run, struct random *random)
 static bool open_beds(struct run *run, const char *device)
 {
     struct bvhd_error error;
-    struct shader_bed_options options = {.device = device};
+    struct shader_bed_options options = {.device = device, .is_round = run->kinds != RANDOM_FLAT};
     if (shader_bed_create(&options, &run->memory, &run->beds[0], &error) != BVHD_OK) {
         fprintf(stderr, "shader_agreement: skipped: %s\n", error.text);
         return false;
@@ -243,15 +257,24 @@ static void print_tally(const struct run *run)
            (unsigned long long)run->defects);
 }
 
+static bool parse_option(struct run *run, const char *name, const char *value, const char **ret_device)
+{
+    if (strcmp(name, "--kinds") == 0)
+        return random_choice_from_name(value, &run->kinds);
+    *ret_device = value;
+    return strcmp(name, "--device") == 0;
+}
+
 int main(int argc, char **argv)
 {
     struct run run = {.seed = 0};
     const char *device = "auto";
     int next = 1;
-    if (argc > 2 && strcmp(argv[1], "--device") == 0) {
-        device = argv[2];
-        next = 3;
-    }
+    for (; next + 1 < argc && argv[next][0] == '-'; next += 2)
+        if (!parse_option(&run, argv[next], argv[next + 1], &device)) {
+            fprintf(stderr, "usage: shader_agreement [--device NAME] [--kinds flat|round|all] [COUNT [SEED]]\n");
+            return 2;
+        }
     uint64_t count = argc > next ? strtoull(argv[next], NULL, 10) : 60,
              seed = argc > next + 1 ? strtoull(argv[next + 1], NULL, 10) : 1;
     memory_init(&run.memory, UINT64_C(1) << 32);
