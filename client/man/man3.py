@@ -38,12 +38,12 @@ class Book:
         return {}
 
     def pages(self) -> dict[str, list[tuple[Header, Section, Declaration]]]:
-        """The declarations by name. A function and a struct may share one."""
+        """The declarations by name. A function and a struct may share one. Vulkan's have no pages."""
         found: dict[str, list[tuple[Header, Section, Declaration]]] = {}
         for header in self.headers:
             for section in header.sections:
                 for one in section.declarations:
-                    if one.name:
+                    if one.name.startswith("bvhd_"):
                         found.setdefault(one.name, []).append((header, section, one))
         return found
 
@@ -222,7 +222,7 @@ def header_page(book: Book, header: Header) -> list[str]:
         if section.title:
             out += [".SS " + roff(section.title), *prose(section.text)]
         for one in section.declarations:
-            if one.kind == "constants":
+            if one.kind == "constants" or not one.name.startswith("bvhd_"):
                 out += [".PP", *prose(one.comment), ".PP", ".nf", *code(one), ".fi", *members(one)]
             else:
                 own = one.name == page_name(header)

@@ -1,7 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * vulkan_nv.h - Vulkan's structs for spheres and linear swept spheres, for programs whose Vulkan headers are older than
- * VK_NV_ray_tracing_linear_swept_spheres (1.4.307). With newer headers it declares nothing.
+ * vulkan_nv.h - Vulkan's structs of spheres and linear swept spheres, where Vulkan's headers do not have them.
+ *
+ * They came with VK_NV_ray_tracing_linear_swept_spheres, in version 1.4.307. Beside newer headers this one declares
+ * nothing.
  *
  * A geometry of these types has its data in the pNext chain of its VkAccelerationStructureGeometryKHR, whose union is
  * not read:
