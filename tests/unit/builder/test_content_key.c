@@ -144,6 +144,31 @@ static void every_option_matters(void **state)
 }
 
 /* The definition in the header, computed by another interface of the library. */
+/* The version of the layout is that of the kind, so that equal bytes of kinds of other versions have other keys. */
+static void kinds_matter_by_their_version(void **state)
+{
+    struct fixture *fixture = *state;
+    const struct build_context context = {.memory = &fixture->memory, .parallel = &parallel_serial};
+    const struct build_options options = {.quality = QUALITY_FAST, .target = TARGET_PORTABLE};
+    static const uint32_t types[4] = {GEOMETRY_TRIANGLES, GEOMETRY_AABBS, GEOMETRY_SPHERES, GEOMETRY_SWEPT_SPHERES};
+    struct key keys[4], updates[4], source = {{7}};
+    for (int i = 0; i < 4; i++) {
+        struct canonical_geometry geometry = {.type = types[i]};
+        struct canonical canonical = {.bytes = fixture->bytes,
+                                      .size = LEAF,
+                                      .type = STRUCTURE_BOTTOM,
+                                      .geometry_count = 1,
+                                      .geometries = &geometry};
+        assert_int_equal(content_key(&canonical, &options, &context, &keys[i], NULL), BVHD_OK);
+        assert_int_equal(content_key_update(&canonical, &options, &source, &context, &updates[i], NULL), BVHD_OK);
+    }
+    for (int i = 1; i < 4; i++) {
+        assert_int_equal(memcmp(&keys[i], &keys[0], sizeof keys[0]) == 0, i < 2);
+        assert_int_equal(memcmp(&updates[i], &updates[0], sizeof updates[0]) == 0, i < 2);
+    }
+    assert_memory_equal(&keys[2], &keys[3], sizeof keys[2]);
+}
+
 static void updates_are_named_by_their_source(void **state)
 {
     struct fixture *fixture = *state;
@@ -337,6 +362,7 @@ int main(void)
         cmocka_unit_test(keys_are_as_defined),
         cmocka_unit_test(threads_do_not_matter),
         cmocka_unit_test(every_option_matters),
+        cmocka_unit_test(kinds_matter_by_their_version),
         cmocka_unit_test(updates_are_named_by_their_source),
         cmocka_unit_test(the_quality_is_the_one_that_is_built),
         cmocka_unit_test(devices_matter_to_native_targets_alone),
