@@ -38,7 +38,7 @@ class Book:
         return {}
 
     def pages(self) -> dict[str, list[tuple[Header, Section, Declaration]]]:
-        """The declarations by name. A function and a struct may share one. Vulkan's have no pages."""
+        """The library's declarations by name. A function and a struct may share one."""
         found: dict[str, list[tuple[Header, Section, Declaration]]] = {}
         for header in self.headers:
             for section in header.sections:

@@ -136,8 +136,8 @@ class RoundTest(unittest.TestCase):
         results = []
         for local in (bvhd.Local.NEVER, bvhd.Local.ALWAYS):
             with bvhd.Client(local=local, connect_timeout=30) as client:
-                built = client.build(requests)
-                built.append(client.build(bvhd.TopLevel(built)))
+                bottoms = [bvhd.BottomLevel([request]) for request in requests]
+                built = client.build([*bottoms, bvhd.TopLevel(bottoms)])
                 results.append([(bytes(one), one.key) for one in built])
         self.assertEqual(results[0], results[1])
 
