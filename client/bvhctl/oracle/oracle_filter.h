@@ -4,7 +4,7 @@
  *
  * A pair of a ray and a primitive is dropped when the distance between the ray's line and the centre of the primitive's
  * bounding sphere exceeds the sphere's radius plus all that one-ulp moves of the inputs and rounding could add. A pair
- * is only dropped if the primitive's kind (oracle_kind.h) would call it absent.
+ * is only dropped if the ray surely misses the primitive.
  */
 #ifndef BVHD_ORACLE_FILTER_H
 #define BVHD_ORACLE_FILTER_H

@@ -3,6 +3,7 @@
 
 #include <math.h>
 #include <stdbool.h>
+#include <string.h>
 
 /* The golden section shortens the interval to 0.618 of its length: in 70 steps to less than a double can tell apart. */
 enum { STEPS = 70 };
@@ -50,10 +51,19 @@ static bool is_earlier(const struct oracle_hull *hull, double a, double b)
     return oracle_hull_entry(hull, a) < oracle_hull_entry(hull, b);
 }
 
+/* Returns whether the spheres at all z are the same one. */
+static bool is_sphere(const struct oracle_hull *hull)
+{
+    return memcmp(hull->across[0], hull->across[1], sizeof hull->across[0]) == 0 &&
+           hull->along[0] == hull->along[1] && hull->radius[0] == hull->radius[1];
+}
+
 /* Finds the best z. The ends are compared, too, because a search only comes near them. */
 static double search(const struct oracle_hull *hull,
                      bool (*is_better)(const struct oracle_hull *hull, double a, double b))
 {
+    if (is_sphere(hull))
+        return 0;
     double low = 0, high = 1, a = high - golden * (high - low), b = low + golden * (high - low);
     for (int step = 0; step < STEPS; step++) {
         if (is_better(hull, a, b)) {

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "tests/support/builder/random_judge.h"
 
+#include <float.h>
 #include <math.h>
 #include <stdlib.h>
 
@@ -158,21 +159,67 @@ static bool same_position(float a, float b, bool moved)
     return a == b || (a != a && b != b) || (moved && (nextafterf(a, b) == b));
 }
 
-/* Checks that the stored corners of a hit primitive are those that the request means. */
-static void check_positions(struct random_run *run, const struct scene *scene, const struct random_meaning *meanings,
-                            const struct ray *ray)
+/* Checks that the stored corners of a hit triangle are those that the request means. */
+static void check_corners(struct random_run *run, const struct scene *scene, const struct random_meaning *meaning,
+                          const struct ray_hit *hit)
 {
-    struct ray_hit hit;
     float corners[3][3];
-    if (!traverse(scene, ray, NULL, &hit, NULL) || hit.is_aabb || !meanings[hit.geometry].corners)
-        return;
-    traverse_positions(scene, &hit, corners);
+    traverse_positions(scene, hit, corners);
     for (int i = 0; i < 9; i++)
-        if (!same_position(corners[i / 3][i % 3], meanings[hit.geometry].corners[hit.primitive][i / 3][i % 3],
-                           meanings[hit.geometry].moved)) {
-            random_run_fail(run, "positions of primitive %u.%u differ", hit.geometry, hit.primitive);
+        if (!same_position(corners[i / 3][i % 3], meaning->corners[hit->primitive][i / 3][i % 3], meaning->moved)) {
+            random_run_fail(run, "positions of primitive %u.%u differ", hit->geometry, hit->primitive);
             return;
         }
+}
+
+/*
+ * Returns whether the sphere at u, between the ends of a linear swept sphere, is the one that touches the body's
+ * surface at the hit: the body does not reach farther at any other u.
+ */
+static bool touches_at(const float ends[2][3], const float radii[2], const struct ray *ray, const struct ray_hit *hit)
+{
+    long double away = 0, length = 0, taper = (long double)radii[0] - radii[1], bend = 0, reach = 0, size = 0;
+    for (int axis = 0; axis < 3; axis++) {
+        long double at = ray->origin[axis] + (long double)hit->t * ray->direction[axis];
+        long double way = (long double)ends[1][axis] - ends[0][axis], beside = at - (ends[0][axis] + hit->u * way);
+        away += beside * beside;
+        length += way * way;
+        bend += beside * way;
+        size += fabsl(at) + fabsl(ray->origin[axis]) + fabsl(way);
+    }
+    reach = radii[0] - hit->u * taper;
+    size = (size + radii[0] + radii[1]) * 16 * FLT_EPSILON + FLT_TRUE_MIN;
+    long double slope = bend - taper * reach, open = size * (sqrtl(length) + fabsl(taper));
+    return fabsl(sqrtl(away) - reach) <= size && (hit->u == 0 || slope >= -open) && (hit->u == 1 || slope <= open);
+}
+
+/* Checks what a hit of a round primitive says except its distance. */
+static void check_round(struct random_run *run, const struct random_meaning *meaning, const struct ray *ray,
+                        const struct ray_hit *hit)
+{
+    const size_t at = (size_t)2 * hit->primitive;
+    bool is_right = hit->v == 0 && hit->front_face && hit->u >= 0 && hit->u <= 1;
+    if (meaning->shape == ORACLE_SPHERES)
+        is_right = is_right && hit->u == 0;
+    else
+        is_right = is_right && touches_at((const float(*)[3])(meaning->centres + at), meaning->radii + at, ray, hit);
+    if (!is_right)
+        random_run_fail(run, "hit of %u.%u at t %a with u %a, v %a, front %d", hit->geometry, hit->primitive,
+                        (double)hit->t, (double)hit->u, (double)hit->v, hit->front_face);
+}
+
+/* Checks what hits say besides their distance. */
+static void check_hit(struct random_run *run, const struct scene *scene, const struct random_meaning *meanings,
+                      const struct ray *ray)
+{
+    struct ray_hit hit;
+    if (!traverse(scene, ray, NULL, &hit, NULL) || hit.is_aabb)
+        return;
+    const struct random_meaning *meaning = &meanings[hit.geometry];
+    if (meaning->corners)
+        check_corners(run, scene, meaning, &hit);
+    else
+        check_round(run, meaning, ray, &hit);
 }
 
 /* ---- boxes: each box that is certainly hit is a candidate, and no box that is clearly missed ---- */
@@ -254,7 +301,7 @@ static void judge_hits(struct random_run *run, const struct random_input *bottom
     make_rays(meshes, count, random, rays);
     judge_rays(run, scene, meshes, count, rays);
     for (uint32_t i = 0; i < RAYS; i++)
-        check_positions(run, scene, bottom->meanings, &rays[i]);
+        check_hit(run, scene, bottom->meanings, &rays[i]);
 }
 
 static void judge_candidates(struct random_run *run, const struct random_input *bottom, const struct scene *scene,

@@ -176,10 +176,235 @@ static void presence_and_distance_hold_for_moved_inputs(void **state)
         assert_true(counts[presence] > MAGNITUDES * SPECIMENS / 10);
 }
 
+/* A transform that is almost singular can leave the kind in doubt about a ray that the filter has dropped. */
+static void the_filter_drops_nothing_that_may_be_met(void **state)
+{
+    (void)state;
+    uint64_t random = 9, met = 0, dropped = 0;
+    struct oracle_filter_block *block = malloc(sizeof *block);
+    for (int i = 0; i < MAGNITUDES * SPECIMENS; i++) {
+        struct specimen specimen = make_specimen(magnitudes[i % MAGNITUDES][0], magnitudes[i % MAGNITUDES][1], &random);
+        union oracle_subject subject;
+        struct oracle_filter_ray filter;
+        double centre[3], radius;
+        uint16_t near[ORACLE_FILTER_BLOCK];
+        if (!oracle_view(&specimen, &subject))
+            continue;
+        for (int axis = 0; i % 4 == 0 && axis < 3; axis++)
+            specimen.ray.direction[axis] = (float)signed_unit(&random);
+        oracle_filter_begin(block, oracle_filter_ray_init(&filter, &specimen.ray));
+        kind_of(&specimen)->sphere(&subject, centre, &radius);
+        oracle_filter_add(block, centre, radius);
+        bool is_near = oracle_filter_scan(block, &filter, near) == 1;
+        dropped += !is_near;
+        for (int k = 0; k < MOVES; k++) {
+            struct moved_round moved = move(&specimen, &random);
+            long double t;
+            bool is_met = moved_round_meet(&moved, &t);
+            assert_true(is_near || !is_met);
+            met += is_met;
+        }
+    }
+    assert_true(met > MAGNITUDES * SPECIMENS && dropped > SPECIMENS / 2);
+    free(block);
+}
+
+/* ---- known answers ---- */
+
+/* Rays along an axis, which the bodies below are at right angles to or on. */
+static struct ray along(int axis, float from, float x, float y, float z)
+{
+    struct ray ray = {.origin = {x, y, z}, .tmax = FLT_MAX, .cull_mask = 0xff};
+    ray.origin[axis] = from;
+    ray.direction[axis] = from < 0 ? 1 : -1;
+    return ray;
+}
+
+static struct oracle_answer ask(const struct oracle_mesh *meshes, uint32_t count, struct ray ray)
+{
+    struct memory memory;
+    struct oracle_answer answer, copy;
+    memory_init(&memory, UINT64_MAX);
+    assert_int_equal(oracle_trace(meshes, count, &ray, 1, &memory, &parallel_serial, NULL, NULL, &answer, NULL),
+                     BVHD_OK);
+    copy = answer;
+    oracle_finish(&answer, 1, &memory);
+    return copy;
+}
+
+static void assert_hit(const struct oracle_mesh *mesh, struct ray ray, double t)
+{
+    struct oracle_answer answer = ask(mesh, 1, ray);
+    assert_int_equal(answer.outcome, ORACLE_HIT);
+    assert_float_equal(answer.t, t, 1e-9);
+    assert_true(answer.t_low <= t && answer.t_high >= t && answer.t_high - answer.t_low < 1e-4);
+}
+
+static void assert_outcome(const struct oracle_mesh *mesh, struct ray ray, enum oracle_outcome outcome)
+{
+    assert_int_equal(ask(mesh, 1, ray).outcome, outcome);
+}
+
+static struct oracle_mesh sphere_of(const float centre[3], const float *radius)
+{
+    return (struct oracle_mesh){.shape = ORACLE_SPHERES, .positions = centre, .radii = radius, .primitive_count = 1};
+}
+
+static void spheres_are_hit_from_outside(void **state)
+{
+    (void)state;
+    static const float centre[3] = {1, 2, 3}, radius = 2, squeeze[12] = {3, 0, 0, 10, 0, 0.5f, 0, 0, 0, 0, 1, -3};
+    struct oracle_mesh mesh = sphere_of(centre, &radius);
+    assert_hit(&mesh, along(0, -10, 0, 2, 3), 9);
+    assert_hit(&mesh, along(0, -10, 0, 3, 3), 11 - sqrt(3));
+    assert_hit(&mesh, along(2, 20, 1, 2, 0), 15);
+    assert_outcome(&mesh, along(0, -10, 0, 4.001f, 3), ORACLE_MISS);
+    assert_outcome(&mesh, along(0, -10, 0, 4, 3), ORACLE_UNCERTAIN); /* a tangent */
+    assert_outcome(&mesh, along(0, -0.5f, 0, 2, 3), ORACLE_MISS); /* from inside */
+    assert_outcome(&mesh, along(0, 4, 0, 2, 3), ORACLE_HIT);
+    assert_outcome(&mesh, along(0, 2.5f, 0, 2, 3), ORACLE_MISS);
+    struct ray ray = along(0, -10, 0, 2, 3);
+    ray.tmin = 9.5f; /* the exit is no hit */
+    assert_outcome(&mesh, ray, ORACLE_MISS);
+    ray.tmin = 9;
+    assert_outcome(&mesh, ray, ORACLE_UNCERTAIN);
+    ray.tmin = 0;
+    ray.tmax = 8.9f;
+    assert_outcome(&mesh, ray, ORACLE_MISS);
+    ray.tmax = 10;
+    ray.flags = RAY_CULL_FRONT_FACING; /* for triangles only */
+    assert_outcome(&mesh, ray, ORACLE_HIT);
+    mesh.transform = squeeze; /* an ellipsoid with its centre at 13 1 0 and radii of 6, 1 and 2 */
+    assert_hit(&mesh, along(0, -10, 0, 1, 0), 17);
+    assert_hit(&mesh, along(1, 10, 13, 0, 0), 8);
+    assert_hit(&mesh, along(1, 10, 13, 0, 1), 9 - sqrt(0.75));
+    assert_outcome(&mesh, along(1, 10, 19.01f, 0, 0), ORACLE_MISS);
+}
+
+static void what_cannot_be_hit_is_missed(void **state)
+{
+    (void)state;
+    const float odd[] = {NAN, INFINITY, -INFINITY};
+    for (int which = 0; which < 3; which++)
+        for (int component = 0; component < 4; component++) {
+            float values[8] = {0, 0, 0, 1, 1, 1, 1, 1}, radii[2];
+            values[component] = odd[which];
+            radii[0] = values[3];
+            radii[1] = 1;
+            float centres[6] = {values[0], values[1], values[2], 1, 0, 0};
+            struct oracle_mesh mesh = sphere_of(centres, radii);
+            assert_outcome(&mesh, along(0, -10, 0, 0.1f, 0), ORACLE_MISS);
+            mesh.shape = ORACLE_SWEPT_SPHERES;
+            assert_outcome(&mesh, along(0, -10, 0, 0.1f, 0), ORACLE_MISS);
+        }
+    static const float centres[6] = {0, 0, 0, 1, 0, 0}, none[2] = {0, -0.0f};
+    struct oracle_mesh mesh = sphere_of(centres, none);
+    assert_outcome(&mesh, along(0, -10, 0, 0, 0), ORACLE_MISS);
+    mesh.shape = ORACLE_SWEPT_SPHERES;
+    assert_outcome(&mesh, along(1, -10, 0.5f, 0, 0), ORACLE_MISS);
+}
+
+static struct oracle_mesh swept_of(const float centres[6], const float radii[2], const uint8_t *caps)
+{
+    return (struct oracle_mesh){
+        .shape = ORACLE_SWEPT_SPHERES, .positions = centres, .radii = radii, .caps = caps, .primitive_count = 1};
+}
+
+static void swept_spheres_have_a_side_and_the_caps_that_they_have(void **state)
+{
+    (void)state;
+    static const float centres[6] = {-2, 0, 0, 2, 0, 0}, equal[2] = {1, 1}, cone[2] = {2, 0};
+    for (uint8_t caps = 0; caps < 4; caps++) {
+        struct oracle_mesh mesh = swept_of(centres, equal, &caps);
+        const enum oracle_outcome first = caps & ORACLE_CAP_FIRST ? ORACLE_HIT : ORACLE_MISS,
+                                  second = caps & ORACLE_CAP_SECOND ? ORACLE_HIT : ORACLE_MISS;
+        assert_hit(&mesh, along(1, 10, 1.5f, 0, 0), 9);
+        assert_hit(&mesh, along(2, -10, -1.99f, 0.5f, 0), 10 - sqrt(0.75));
+        assert_outcome(&mesh, along(1, 10, -2.01f, 0, 0), first);
+        assert_outcome(&mesh, along(1, 10, 2.01f, 0, 0), second);
+        assert_outcome(&mesh, along(1, 10, 3.01f, 0, 0), ORACLE_MISS);
+        /* Through a missing cap the inner face is not hit, nor is the other cap from inside. */
+        assert_outcome(&mesh, along(0, -10, 0, 0.5f, 0), first);
+        assert_outcome(&mesh, along(0, 10, 0, 0.5f, 0), second);
+        assert_outcome(&mesh, along(0, -10, 0, 1.01f, 0), ORACLE_MISS);
+        assert_outcome(&mesh, along(1, 0.5f, 0, 0.5f, 0), ORACLE_MISS); /* from inside */
+        if (caps == 3) {
+            assert_hit(&mesh, along(0, -10, 0, 0.5f, 0), 8 - sqrt(0.75));
+            assert_hit(&mesh, along(1, 10, 2, 0, 0), 9); /* where the side ends, and the cap begins */
+        } else if (caps == 0) {
+            assert_outcome(&mesh, along(1, 10, 2, 0, 0), ORACLE_UNCERTAIN);
+        }
+        /* The sine of the cone's angle is 1/2: it touches the first sphere at x = -1, and ends in a point. */
+        mesh.radii = cone;
+        assert_hit(&mesh, along(1, 10, 0, 0, 0), 10 - 2 / sqrt(3));
+        assert_hit(&mesh, along(1, 10, -0.99f, 0, 0), 10 - 2.99 / sqrt(3));
+        assert_outcome(&mesh, along(1, 10, -1.01f, 0, 0), first);
+        assert_outcome(&mesh, along(1, 10, 2.01f, 0, 0), ORACLE_MISS);
+        assert_outcome(&mesh, along(0, -10, 0, 0.5f, 0), first);
+        assert_outcome(&mesh, along(0, 10, 0, 0.5f, 0), ORACLE_HIT);
+    }
+}
+
+static void a_swallowed_end_leaves_one_sphere(void **state)
+{
+    (void)state;
+    static const float apart[6] = {0, 0, 0, 1, 0, 0}, together[6] = {3, 4, 5, 3, 4, 5};
+    static const float falling[2] = {3, 1}, rising[2] = {1, 3}, equal[2] = {1, 1};
+    for (uint8_t caps = 0; caps < 4; caps++) {
+        const enum oracle_outcome first = caps & ORACLE_CAP_FIRST ? ORACLE_HIT : ORACLE_MISS,
+                                  second = caps & ORACLE_CAP_SECOND ? ORACLE_HIT : ORACLE_MISS;
+        struct oracle_mesh mesh = swept_of(apart, falling, &caps);
+        for (int axis = 0; axis < 3; axis++) {
+            assert_outcome(&mesh, along(axis, 10, 0.5f, 0.5f, 0.5f), first);
+            assert_outcome(&mesh, along(axis, -10, 0.5f, 0.5f, 0.5f), first);
+        }
+        mesh.radii = rising;
+        assert_outcome(&mesh, along(1, 10, 3.5f, 0, 0), second);
+        assert_outcome(&mesh, along(1, 10, -2.1f, 0, 0), ORACLE_MISS);
+        mesh.positions = together;
+        mesh.radii = equal;
+        assert_outcome(&mesh, along(0, 10, 0, 4.5f, 5), first);
+        mesh.radii = rising;
+        assert_outcome(&mesh, along(0, 10, 0, 4.5f, 5), second);
+    }
+}
+
+static void kinds_stand_in_one_scene(void **state)
+{
+    (void)state;
+    static const float corners[9] = {-1, -1, 5, 1, -1, 5, 0, 2, 5}, centre[3] = {0, 0, 0}, radii[2] = {1, 1};
+    static const float ends[6] = {-3, 0, -4, 3, 0, -4};
+    const struct oracle_mesh meshes[3] = {
+        {.positions = corners, .primitive_count = 1},
+        {.shape = ORACLE_SPHERES, .positions = centre, .radii = radii, .primitive_count = 1, .geometry = 1},
+        {.shape = ORACLE_SWEPT_SPHERES, .positions = ends, .radii = radii, .primitive_count = 1, .geometry = 2}};
+    struct ray ray = along(2, 10, 0, 0, 0);
+    for (int k = 0; k < 3; k++) {
+        static const float starts[3] = {10, 4, -2};
+        ray.origin[2] = starts[k];
+        struct memory memory;
+        struct oracle_answer answer;
+        memory_init(&memory, UINT64_MAX);
+        assert_int_equal(oracle_trace(meshes, 3, &ray, 1, &memory, &parallel_serial, NULL, NULL, &answer, NULL),
+                         BVHD_OK);
+        assert_int_equal(answer.outcome, ORACLE_HIT);
+        assert_int_equal(answer.tied_count, 1);
+        assert_int_equal(answer.tied[0].geometry, k);
+        oracle_finish(&answer, 1, &memory);
+        assert_int_equal(memory.live, 0);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(presence_and_distance_hold_for_moved_inputs),
+        cmocka_unit_test(the_filter_drops_nothing_that_may_be_met),
+        cmocka_unit_test(spheres_are_hit_from_outside),
+        cmocka_unit_test(what_cannot_be_hit_is_missed),
+        cmocka_unit_test(swept_spheres_have_a_side_and_the_caps_that_they_have),
+        cmocka_unit_test(a_swallowed_end_leaves_one_sphere),
+        cmocka_unit_test(kinds_stand_in_one_scene),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
