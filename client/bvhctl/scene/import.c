@@ -15,6 +15,7 @@
 #include "client/bvhctl/scene/import_limits.h"
 #include "client/bvhctl/scene/import_nodes.h"
 #include "client/bvhctl/scene/import_round.h"
+#include "client/bvhctl/scene/weld.h"
 
 /* The text is the same for every allocation, because all of them are for the scene as a whole. */
 static enum bvhd_status no_memory(const char *path, struct bvhd_error *error)
@@ -160,7 +161,8 @@ static enum bvhd_status copy_round(const struct copy *copy, const struct aiMesh 
     mesh->radii = memory_array(copy->import->memory, (uint64_t)mesh->vertex_count + 1, sizeof *mesh->radii);
     for (uint32_t i = 0; i < mesh->vertex_count && mesh->radii; i++)
         mesh->radii[i] = radius;
-    bool ok = mesh->radii && import_round_order(mesh, copy->import->memory);
+    /* Assimp gives each line vertices of its own. */
+    bool ok = mesh->radii && weld_mesh(mesh, copy->import->memory) && import_round_order(mesh, copy->import->memory);
     return ok ? BVHD_OK : no_memory(copy->path, copy->error);
 }
 

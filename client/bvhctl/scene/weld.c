@@ -3,6 +3,8 @@
 
 #include <string.h>
 
+#include "client/bvhctl/scene/import_round.h"
+
 /* A hash table of vertices, with open addressing. It grows with the vertices that stay, so that it fits into caches. */
 struct table {
     struct memory *memory;
@@ -68,13 +70,13 @@ static bool weld_vertices(struct table *table, struct import_mesh *mesh, uint32_
     return true;
 }
 
-static bool weld_mesh(struct import_mesh *mesh, struct memory *memory)
+bool weld_mesh(struct import_mesh *mesh, struct memory *memory)
 {
     uint32_t kept = 0, *welded = memory_array(memory, (uint64_t)mesh->vertex_count + 1, sizeof *welded);
     struct table table = {.memory = memory, .positions = mesh->positions};
     bool ok = welded && weld_vertices(&table, mesh, welded, &kept);
     if (ok && kept < mesh->vertex_count) {
-        for (uint64_t i = 0; i < UINT64_C(3) * mesh->primitive_count; i++)
+        for (uint64_t i = 0; i < import_corner_count(mesh); i++)
             mesh->indices[i] = welded[mesh->indices[i]];
         mesh->vertex_count = kept;
     }

@@ -308,6 +308,67 @@ static void check_name(const char *path, const char *expected)
     memory_free(&memory, name);
 }
 
+static struct import_mesh *find_shape(const struct import *import, enum import_shape shape)
+{
+    for (uint32_t i = 0; i < import->mesh_count; i++)
+        if (import->meshes[i].shape == shape && import->meshes[i].primitive_count)
+            return &import->meshes[i];
+    fail_msg("no mesh of shape %d", (int)shape);
+    return NULL;
+}
+
+/* Points and lines of files that assimp reads, in this process and in one of its own. */
+static void test_round(void **state)
+{
+    static const char text[] = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 5 5 5\nf 1 2 3\nl 1 2 3 5\np 5\n";
+    const struct import_wish wish = {.point_radius = 0.5f, .line_radius = 0.25f};
+    (void)state;
+    write_text("round.obj", text);
+    for (int own_process = 0; own_process < 2; own_process++) {
+        struct memory memory;
+        struct import import;
+        struct bvhd_error error = {0};
+        memory_init(&memory, UINT64_MAX);
+        enum bvhd_status status = own_process ? import_scene_as("round.obj", &wish, &memory, &import, &error)
+                                              : import_read_as("round.obj", &wish, &memory, &import, &error);
+        assert_int_equal(status, BVHD_OK);
+        assert_false(import_counts_any(&import.counts));
+        assert_int_equal(import.triangle_count, 1);
+        assert_int_equal(import.point_count, 1);
+        assert_int_equal(import.line_count, 3);
+        assert_int_equal(import.bottom_count, 3);
+        assert_int_equal(import.instance_count, 3);
+        const struct import_mesh *points = find_shape(&import, IMPORT_POINTS),
+                                 *lines = find_shape(&import, IMPORT_LINES);
+        assert_true(points->positions[0] == 5 && points->radii[0] == 0.5f);
+        assert_int_equal(lines->vertex_count, 4);
+        assert_true(lines->positions[9] == 5 && lines->radii[3] == 0.25f);
+        assert_int_equal(lines->caps[2], IMPORT_CAP_SECOND);
+        import_finish(&import);
+        assert_int_equal(memory.live, 0);
+    }
+}
+
+static void test_round_no_memory(void **state)
+{
+    const struct import_wish wish = {.point_radius = 0.5f, .line_radius = 0.25f};
+    enum bvhd_status status = BVHD_NO_MEMORY;
+    (void)state;
+    write_text("round.obj", "v 0 0 0\nv 1 0 0\nv 1 1 0\nf 1 2 3\nl 1 2 3\np 2\n");
+    for (int after = 0; status == BVHD_NO_MEMORY; after++) {
+        struct memory memory;
+        struct import import;
+        memory_init(&memory, UINT64_MAX);
+        atomic_store(&memory.fail_after, after);
+        status = import_read_as("round.obj", &wish, &memory, &import, NULL);
+        if (status == BVHD_OK)
+            import_finish(&import);
+        assert_int_equal(memory.live, 0);
+        assert_true(after < 1000);
+    }
+    assert_int_equal(status, BVHD_OK);
+}
+
 static void test_names(void **state)
 {
     (void)state;
@@ -329,6 +390,8 @@ int main(void)
         cmocka_unit_test(test_many_bottoms),
         cmocka_unit_test(test_failures),
         cmocka_unit_test(test_no_memory),
+        cmocka_unit_test(test_round),
+        cmocka_unit_test(test_round_no_memory),
         cmocka_unit_test(test_importer_crash),
         cmocka_unit_test(test_names),
     };
