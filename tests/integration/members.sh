@@ -57,7 +57,9 @@ printed build --local build yard.gltf ball.ply odd.ply missing.ply -o all --flag
 printed build --local build ball.ply odd.ply -o native --probe device
 printed build --local build ball.ply -o ball.bvhd
 printed build --local build yard.gltf -o later --at 1.5
+printed build --local build yard.gltf odd.ply -o round --points 0.1 --lines 0.2
 cp out/manifest.json printed/manifest.1
+cp round/manifest.json printed/manifest.7
 cp all/manifest.json printed/manifest.2
 cp native/manifest.json printed/manifest.3
 cp later/manifest.json printed/manifest.5

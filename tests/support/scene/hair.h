@@ -11,7 +11,7 @@
 #include "tests/support/random.h"
 #include "tests/support/scene/gltf.h"
 
-enum { HAIR_STRANDS = 2228, HAIR_POINTS = 32, HAIR_SIDES = 3, CLOUD_SIZE = 40000 };
+enum { HAIR_STRANDS = 2228, HAIR_POINTS = 32, HAIR_SIDES = 3, CLOUD_SIZE = 100000 };
 
 /*
  * Adds strands of HAIR_POINTS vertices with radii, which become thinner towards the tips, to an empty mesh. The
