@@ -10,9 +10,9 @@
 
 /*
  * Replaces vertices of each mesh of triangles whose positions have the same bits by the first of them. Triangles keep
- * their order, their number and, bit by bit, their corners. 0 and -0 are different; a NaN equals a NaN of the same bits, whose
- * triangles no ray hits anyway. Vertices keep the order in which they come first. Returns false when there is no
- * memory; the import can only be finished then.
+ * their order, their number and, bit by bit, their corners. 0 and -0 are different; a NaN equals a NaN of the same
+ * bits, whose triangles no ray hits anyway. Vertices keep the order in which they come first. Returns false when there
+ * is no memory; the import can only be finished then.
  */
 bool weld_import(struct import *import);
 

@@ -163,7 +163,7 @@ static void add_shell_point(struct mesh *plain, struct mesh *stripes, struct ran
     double reach = size * (0.62 + 0.6 * rib * cos(around));
     double at[3] = {reach * cos(angle), 1.35 - size * (1.95 - 0.62 * rib * sin(around)), -reach * sin(angle)};
     bool in_stripe = sin(5 * around + 1.5 * sin(3 * angle)) > 0.45;
-    mesh_add_round_vertex(in_stripe ? stripes : plain, at, size * random_between(random, 0.008, 0.014));
+    mesh_add_round_vertex(in_stripe ? stripes : plain, at, size * random_between(random, 0.01, 0.018));
 }
 
 void cloud_make(struct mesh *plain, struct mesh *stripes, uint32_t points, struct random *random)
