@@ -6,7 +6,7 @@
 #include <string.h>
 
 #include "client/bvhctl/oracle/rays.h"
-#include "client/bvhctl/picture/round.h"
+#include "client/bvhctl/picture/round_surface.h"
 #include "client/bvhctl/picture/stage_bulk.h"
 #include "client/bvhctl/picture/stage_samples.h"
 
@@ -41,7 +41,7 @@ static struct vector world_normal(const struct stage *stage, const struct ray_hi
         struct structure_round round = structure_round(bottom, hit->record);
         bool has_top = stage->structures->has_top;
         const float *matrix = has_top ? stage_instance(stage, hit->instance)->object_to_world : NULL;
-        return round_normal(&round, matrix, position, (double)hit->u);
+        return round_surface_normal(&round, matrix, position, (double)hit->u);
     }
     structures_corners(stage->structures, hit, corners);
     for (int i = 0; i < 3; i++) {

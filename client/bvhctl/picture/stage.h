@@ -13,7 +13,7 @@
 
 enum { STAGE_EVEN_SAMPLES = 8192, STAGE_SAMPLES = 12288 };
 
-/* A random point of a primitive of the scene. For a round one a triangle stands in (round.h). */
+/* A random point of a primitive of the scene. For a round one a triangle stands in (round_surface.h). */
 struct stage_sample {
     struct vector at;
     struct vector corners[3]; /* of its triangle */

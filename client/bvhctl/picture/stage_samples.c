@@ -2,7 +2,7 @@
 #include "client/bvhctl/picture/stage_samples.h"
 
 #include "client/bvhctl/oracle/rays.h"
-#include "client/bvhctl/picture/round.h"
+#include "client/bvhctl/picture/round_surface.h"
 
 enum {
     TOUR_STRIDE = 8, /* triangles that are visited for each one that a sample is taken from */
@@ -56,7 +56,7 @@ static void visit_primitive(struct tour *tour, const struct structure *bottom, c
     uint32_t primitive;
     if (structure_round_count(bottom)) {
         struct structure_round round = structure_round(bottom, row);
-        round_stand_in(&round, corners);
+        round_surface_stand_in(&round, corners);
     } else {
         structure_triangle(bottom, row, exact, &primitive);
         for (int i = 0; i < 3; i++)

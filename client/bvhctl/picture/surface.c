@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "client/bvhctl/picture/round.h"
+#include "client/bvhctl/picture/round_surface.h"
 
 #define NO_ROW UINT32_MAX
 
@@ -173,7 +173,7 @@ static void find_triangle(const struct structure *bottom, uint32_t row, const fl
 static void find_tangent(const struct structure_round *round, const float *transform, struct vector position, double u,
                          struct vector ret_corners[3])
 {
-    struct vector normal = round_normal(round, transform, position, u), a, b;
+    struct vector normal = round_surface_normal(round, transform, position, u), a, b;
     double size = fmax((double)round->ends[0][3], (double)round->ends[1][3]);
     vector_basis(normal, &a, &b);
     ret_corners[0] = position;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "client/bvhctl/picture/round.h"
+#include "client/bvhctl/picture/round_surface.h"
 
 /* Returns column `i` of the cofactors of the 3x3 part of a matrix: the cross product of its two other columns. */
 static struct vector cofactors(const float m[12], int i)
@@ -15,8 +15,8 @@ static struct vector cofactors(const float m[12], int i)
  * to object space, where it is a normal, and its transpose takes this to world space. Both together are C C^T /
  * det(A)^2, in which the divisor only changes the length.
  */
-struct vector round_normal(const struct structure_round *round, const float *object_to_world, struct vector position,
-                           double u)
+struct vector round_surface_normal(const struct structure_round *round, const float *object_to_world,
+                                   struct vector position, double u)
 {
     struct vector first = vector_from_floats(round->ends[0]), second = vector_from_floats(round->ends[1]);
     struct vector centre = vector_mix(first, second, u), normal = {0, 0, 0};
@@ -35,7 +35,7 @@ struct vector round_normal(const struct structure_round *round, const float *obj
     return vector_unit(normal);
 }
 
-void round_stand_in(const struct structure_round *round, struct vector ret_corners[3])
+void round_surface_stand_in(const struct structure_round *round, struct vector ret_corners[3])
 {
     struct vector first = vector_from_floats(round->ends[0]), second = vector_from_floats(round->ends[1]);
     struct vector along = vector_unit(vector_sub(second, first)), side, other;

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* test_round.c - tests the normals of spheres and linear swept spheres, and the triangles that stand in for them. */
+/* test_round_surface.c - tests the normals of spheres and linear swept spheres, and the triangles that stand in for them. */
 #include "tests/support/unit.h"
 
 #include "client/bvhctl/oracle/rays.h"
-#include "client/bvhctl/picture/round.h"
+#include "client/bvhctl/picture/round_surface.h"
 
 static const double tolerance = 1e-9;
 
@@ -60,7 +60,7 @@ static void normals_without_a_transform(void **state)
         struct vector normal;
         struct structure_round round = random_round(&random, &u);
         struct vector at = point_of_side(&round, u, random_unit(&random), &normal);
-        struct vector found = round_normal(&round, NULL, at, u);
+        struct vector found = round_surface_normal(&round, NULL, at, u);
         assert_true(vector_length(vector_sub(found, normal)) < tolerance);
     }
 }
@@ -88,7 +88,7 @@ static void normals_with_a_transform(void **state)
         struct vector at = point_of_side(&round, u, random_unit(&random), &normal);
         vector_basis(normal, &a, &b);
         struct vector world = vector_transform(matrix, at);
-        struct vector found = round_normal(&round, matrix, world, u);
+        struct vector found = round_surface_normal(&round, matrix, world, u);
         assert_true(fabs(vector_length(found) - 1) < tolerance);
         struct vector to_a = vector_unit(vector_sub(vector_transform(matrix, vector_add(at, a)), world)),
                       to_b = vector_unit(vector_sub(vector_transform(matrix, vector_add(at, b)), world)),
@@ -108,7 +108,7 @@ static void large_and_small_transforms(void **state)
     for (size_t i = 0; i < sizeof scales / sizeof *scales; i++) {
         float s = scales[i], matrix[12] = {s, 0, 0, 0, 0, 2 * s, 0, 0, 0, 0, -s, 0};
         struct vector at = vector_make(0.6 * (double)s, 0, -0.8 * (double)s);
-        struct vector found = round_normal(&sphere, matrix, at, 0);
+        struct vector found = round_surface_normal(&sphere, matrix, at, 0);
         assert_true(vector_length(vector_sub(found, vector_make(0.6, 0, -0.8))) < 1e-6);
     }
 }
@@ -119,10 +119,10 @@ static void stand_ins_cover_the_primitive(void **state)
                                  sphere = {.ends = {{1, 2, 3, 2}, {1, 2, 3, 2}}};
     struct vector corners[3];
     (void)state;
-    round_stand_in(&swept, corners);
+    round_surface_stand_in(&swept, corners);
     assert_true(corners[0].x == 0.5 && corners[1].x == 0.5 && corners[2].x == 4.25);
     assert_true(vector_length(vector_sub(corners[0], corners[1])) == 1);
-    round_stand_in(&sphere, corners);
+    round_surface_stand_in(&sphere, corners);
     assert_true(vector_length(vector_normal(corners)) > 0.99);
     for (int i = 0; i < 3; i++)
         assert_true(vector_length(vector_sub(corners[i], vector_make(1, 2, 3))) < 3);
