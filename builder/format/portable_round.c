@@ -53,6 +53,12 @@ static inline struct named name_of(const struct names *names, enum shape shape, 
     return (struct named){names->first_vertex + (word & CANONICAL_END_MASK), word >> 1 & CAPS};
 }
 
+static inline void prefetch_name(const struct names *names, uint32_t primitive)
+{
+    if (names->indices && is_inside(names, primitive))
+        __builtin_prefetch(names->indices + (primitive - names->first_primitive));
+}
+
 static inline __attribute__((always_inline)) void write(const struct portable_records *writer, enum shape shape,
                                                         const uint32_t *refs, uint32_t count, unsigned char *record)
 {
@@ -86,11 +92,8 @@ static void write_swept(const struct portable_records *writer, const uint32_t *r
 static void prefetch(const struct portable_records *writer, const uint32_t *refs, uint32_t count)
 {
     const struct names names = names_of(writer->canonical->geometries);
-    if (!names.indices)
-        return;
     for (uint32_t i = 0; i < count; i++)
-        if (is_inside(&names, refs[i]))
-            __builtin_prefetch(names.indices + (refs[i] - names.first_primitive));
+        prefetch_name(&names, refs[i]);
 }
 
 static inline void mark_one(const struct names *names, enum shape shape, uint32_t index, uint8_t *used)
@@ -110,8 +113,7 @@ static inline __attribute__((always_inline)) void mark(const struct canonical *c
         const uint32_t later = refs[count - i > AHEAD ? i + AHEAD : i];
         if (!is_inside(&names, refs[i]))
             names = names_of(&canonical->geometries[canonical_geometry_of(canonical, refs[i])]);
-        if (names.indices && is_inside(&names, later))
-            __builtin_prefetch(names.indices + (later - names.first_primitive));
+        prefetch_name(&names, later);
         mark_one(&names, shape, refs[i] - names.first_primitive, used);
     }
 }
