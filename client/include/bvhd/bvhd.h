@@ -313,13 +313,12 @@ struct bvhd_build {
 };
 
 /*
- * Requests the structures infos[0 .. info_count) and returns without waiting for them.
+ * Requests the structures infos[0 .. info_count) and returns without waiting for them. Geometry may also be spheres and
+ * linear swept spheres, whose structs are in <bvhd/vulkan_nv.h>, too.
  *
  * Everything that the structs point to, except geometry memory, is copied before this call returns. Geometry memory
  * (vertices, radii, indices, boxes, transforms, instances) must stay readable and unchanged until bvhd_batch_is_copied
  * is true. For a batch that fits into the shared memory it is true on return, even without a daemon.
- *
- * Geometry may also be spheres and linear swept spheres, whose structs are in <bvhd/vulkan_nv.h>, too.
  *
  * A top level may name bottom levels of the same call: its instances have the handle that is the bottom level's
  * dstAccelerationStructure, any number but 0. The library requests the top level when these bottom levels have their

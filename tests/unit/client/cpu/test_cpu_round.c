@@ -40,6 +40,7 @@ static void bed_describe(struct bed *bed, VkGeometryTypeKHR type)
     memcpy(&bed->swept, &bed->spheres, sizeof bed->spheres);
     bed->swept.sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_GEOMETRY_LINEAR_SWEPT_SPHERES_DATA_NV;
     bed->swept.indexType = VK_INDEX_TYPE_NONE_KHR;
+    bed->swept.indexData.hostAddress = NULL;
     const bool is_swept = type == VK_GEOMETRY_TYPE_LINEAR_SWEPT_SPHERES_NV;
     bed->build.geometry =
         (VkAccelerationStructureGeometryKHR){.sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_GEOMETRY_KHR,
