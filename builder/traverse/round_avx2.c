@@ -155,9 +155,9 @@ BOXTEST_AVX2_INLINE unsigned enter_node(const struct round_walk *walk, uint32_t 
     return inner;
 }
 
-BOXTEST_AVX2_INLINE void find_in(struct round_walk *walk, bool is_unpacked, bool is_swept)
+BOXTEST_AVX2_INLINE void find_closest_in(const struct round_walk *walk, bool is_unpacked, bool is_swept)
 {
-    struct avx2_walk *nodes = &walk->nodes;
+    const struct avx2_walk *nodes = &walk->nodes;
     uint64_t stack[AVX2_STACK_SIZE], *top = stack, visited = 0;
     uint32_t child = CHILD_ROOT, near[LANES];
     bool is_done;
@@ -177,6 +177,34 @@ BOXTEST_AVX2_INLINE void find_in(struct round_walk *walk, bool is_unpacked, bool
             break;
     }
     nodes->state->counters.nodes += visited;
+}
+
+/* Finds any hit, with the inner children farthest along the ray's octant first, as for triangles. */
+BOXTEST_AVX2_INLINE void find_any_in(const struct round_walk *walk, bool is_unpacked, bool is_swept)
+{
+    const struct avx2_walk *nodes = &walk->nodes;
+    uint32_t stack[AVX2_STACK_SIZE], *top = stack, near[LANES];
+    uint64_t visited = 0;
+    bool is_done = false;
+    *top++ = 0;
+    while (top > stack && !is_done) {
+        const uint32_t index = *--top;
+        const unsigned inner = enter_node(walk, index, near, is_unpacked, is_swept, &is_done);
+        visited++;
+        if (inner != 0)
+            top = is_unpacked
+                      ? push_unpacked_inner(nodes->unpacked, &nodes->unpacked[index], inner, nodes->boxes.backward, top)
+                      : push_inner(&nodes->view->nodes[index], inner, nodes->boxes.backward, top);
+    }
+    nodes->state->counters.nodes += visited;
+}
+
+BOXTEST_AVX2_INLINE void find_in(const struct round_walk *walk, bool is_unpacked, bool is_swept)
+{
+    if (walk->nodes.state->ray->flags & RAY_TERMINATE_ON_FIRST_HIT)
+        find_any_in(walk, is_unpacked, is_swept);
+    else
+        find_closest_in(walk, is_unpacked, is_swept);
 }
 
 BOXTEST_AVX2 static void find_spheres(struct round_walk *walk)
@@ -211,8 +239,8 @@ BOXTEST_AVX2 bool traverse_avx2_round(struct traverse_state *state, const struct
     walk.nodes.unpacked = avx2_walk_can_unpack(state) ? unpacked : NULL;
     if (walk.nodes.unpacked)
         walk.nodes.scales = unpacked_scales(&walk.nodes.boxes);
-    round_lanes_init(state, &walk.lanes);
     const bool is_swept = view->header->content == PORTABLE_SWEPT_SPHERES;
+    round_lanes_init(state, is_swept, &walk.lanes);
     if (walk.nodes.unpacked)
         (is_swept ? find_swept_unpacked : find_spheres_unpacked)(&walk);
     else

@@ -6,8 +6,8 @@
  * Shapes are seen along the ray: p is the place of a centre across the ray, in a plane with two unit vectors, s its
  * place along the ray, both in units of length. There a sphere is a circle around p, and a linear swept sphere what a
  * circle sweeps. Let u be 2^-24. The unit vectors and the differences from the ray's origin are wrong by a unit, the
- * products of three terms by 3 more, so that p and s are wrong by less than 8u of the sum of the differences; a ray in
- * an instance's space adds the rounding of its origin. That bound is `blur` below.
+ * products of three terms by 3 more, so that p and s are wrong by at most 8u of the sum of the differences; a ray in an
+ * instance's space adds the rounding of its origin. Twice that bound is `blur` below.
  *
  * With v = p1 - p0 and q = r0 - r1, the lines that touch both circles have the ray between them if
  *
@@ -39,29 +39,35 @@ struct round_lanes_ray {
     float tmin; /* as a length, rounded down */
 };
 
-/* Prepares a ray, of which the origin may be more precise than a float. */
-static inline void round_lanes_init(const struct traverse_state *state, struct round_lanes_ray *ret_ray)
+/* Prepares a ray, of which the origin may be more precise than a float. Spheres do not need the directions across it. */
+static inline void round_lanes_init(const struct traverse_state *state, bool is_swept, struct round_lanes_ray *ret_ray)
 {
-    const double *d = state->round_ray.direction, scale = state->round_ray.scale;
+    const double *d = state->round_ray.direction;
     const double length = sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]), inverse = 1 / length;
     const double x = d[0] * inverse, y = d[1] * inverse, z = d[2] * inverse;
-    /* Two unit vectors across a third (Duff et al. 2017). */
-    const double sign = copysign(1, z), a = -1 / (sign + z), b = x * y * a;
-    const double across[2][3] = {{1 + sign * x * x * a, sign * b, -sign * x}, {b, sign + y * y * a, -y}};
-    float size = 0, moved = 0;
+    float size = 0;
+    bool is_rounded = false;
     for (int k = 0; k < 3; k++) {
         ret_ray->origin[k] = (float)state->origin[k];
         size += fabsf(ret_ray->origin[k]);
-        moved += (double)ret_ray->origin[k] == state->origin[k] ? 0 : 1;
-        ret_ray->across[0][k] = (float)across[0][k];
-        ret_ray->across[1][k] = (float)across[1][k];
+        is_rounded |= (double)ret_ray->origin[k] != state->origin[k];
+    }
+    if (is_swept) {
+        /* Two unit vectors across a third (Duff et al. 2017). */
+        const double sign = copysign(1, z), a = -1 / (sign + z), b = x * y * a;
+        const double across[2][3] = {{1 + sign * x * x * a, sign * b, -sign * x}, {b, sign + y * y * a, -y}};
+        for (int k = 0; k < 3; k++) {
+            ret_ray->across[0][k] = (float)across[0][k];
+            ret_ray->across[1][k] = (float)across[1][k];
+        }
     }
     ret_ray->along[0] = (float)x;
     ret_ray->along[1] = (float)y;
     ret_ray->along[2] = (float)z;
-    ret_ray->blur = moved > 0 ? 0x1p-23f * size + FLT_MIN : FLT_MIN;
-    ret_ray->speed = (float)(length / scale * (1 + 0x1p-20));
-    ret_ray->tmin = (float)(state->ray->tmin * (length / scale));
+    ret_ray->blur = is_rounded ? 0x1p-23f * size + FLT_MIN : FLT_MIN;
+    const double speed = length / state->round_ray.scale;
+    ret_ray->speed = (float)(speed * (1 + 0x1p-20));
+    ret_ray->tmin = (float)(state->ray->tmin * speed);
     ret_ray->tmin -= 0x1p-20f * fabsf(ret_ray->tmin);
 }
 
@@ -77,6 +83,23 @@ BOXTEST_AVX2_INLINE __m256 lanes_dot(const __m256 a[3], const float b[3])
         _mm256_fmadd_ps(a[1], _mm256_broadcast_ss(&b[1]), _mm256_mul_ps(a[0], _mm256_broadcast_ss(&b[0]))));
 }
 
+/* Places of spheres as seen along the ray. */
+struct lanes_places {
+    __m256 from[3], along, blur;
+};
+
+BOXTEST_AVX2_INLINE struct lanes_places lanes_places_of(const struct round_lanes_ray *ray, const __m256 spheres[4])
+{
+    struct lanes_places places;
+    for (int k = 0; k < 3; k++)
+        places.from[k] = _mm256_sub_ps(spheres[k], _mm256_broadcast_ss(&ray->origin[k]));
+    const __m256 size = _mm256_add_ps(_mm256_add_ps(lanes_size(places.from[0]), lanes_size(places.from[1])),
+                                      lanes_size(places.from[2]));
+    places.along = lanes_dot(places.from, ray->along);
+    places.blur = _mm256_fmadd_ps(size, _mm256_set1_ps(0x1p-20f), _mm256_broadcast_ss(&ray->blur));
+    return places;
+}
+
 /* Circles across the ray. */
 struct lanes_circles {
     __m256 x, y, along, radius, blur;
@@ -85,19 +108,29 @@ struct lanes_circles {
 /* Returns the circles of spheres, whose four numbers are in four registers. */
 BOXTEST_AVX2_INLINE struct lanes_circles lanes_circles_of(const struct round_lanes_ray *ray, const __m256 spheres[4])
 {
-    const __m256 from[3] = {_mm256_sub_ps(spheres[0], _mm256_broadcast_ss(&ray->origin[0])),
-                            _mm256_sub_ps(spheres[1], _mm256_broadcast_ss(&ray->origin[1])),
-                            _mm256_sub_ps(spheres[2], _mm256_broadcast_ss(&ray->origin[2]))};
-    const __m256 size = _mm256_add_ps(_mm256_add_ps(lanes_size(from[0]), lanes_size(from[1])), lanes_size(from[2]));
-    return (struct lanes_circles){lanes_dot(from, ray->across[0]), lanes_dot(from, ray->across[1]),
-                                  lanes_dot(from, ray->along), spheres[3],
-                                  _mm256_fmadd_ps(size, _mm256_set1_ps(0x1p-21f), _mm256_broadcast_ss(&ray->blur))};
+    const struct lanes_places places = lanes_places_of(ray, spheres);
+    return (struct lanes_circles){lanes_dot(places.from, ray->across[0]), lanes_dot(places.from, ray->across[1]),
+                                  places.along, spheres[3], places.blur};
 }
 
 /* Returns the square of the distance from the ray. */
 BOXTEST_AVX2_INLINE __m256 lanes_apart(const struct lanes_circles *circles)
 {
     return _mm256_fmadd_ps(circles->x, circles->x, _mm256_mul_ps(circles->y, circles->y));
+}
+
+/*
+ * Does the same without a plane across the ray: by the place of the centre without its part along the ray, whose
+ * components are wrong by that part's error, too.
+ */
+BOXTEST_AVX2_INLINE __m256 lanes_apart_of(const struct round_lanes_ray *ray, const struct lanes_places *places)
+{
+    __m256 squares = _mm256_setzero_ps();
+    for (int k = 0; k < 3; k++) {
+        const __m256 rest = _mm256_fnmadd_ps(places->along, _mm256_broadcast_ss(&ray->along[k]), places->from[k]);
+        squares = _mm256_fmadd_ps(rest, rest, squares);
+    }
+    return squares;
 }
 
 /* Returns a - b, or 0 if that is negative. */
@@ -119,16 +152,16 @@ BOXTEST_AVX2_INLINE __m256 lanes_more(__m256 a)
 BOXTEST_AVX2_INLINE unsigned lanes_meet_spheres(const struct round_lanes_ray *ray, const __m256 spheres[4], float reach,
                                                 float ret_near[8])
 {
-    const struct lanes_circles circles = lanes_circles_of(ray, spheres);
-    const __m256 apart = lanes_apart(&circles), outer = _mm256_add_ps(circles.radius, circles.blur),
-                 inner = lanes_less(circles.radius, circles.blur);
+    const struct lanes_places places = lanes_places_of(ray, spheres);
+    const __m256 apart = lanes_apart_of(ray, &places), outer = _mm256_add_ps(spheres[3], places.blur),
+                 inner = lanes_less(spheres[3], places.blur);
     const __m256 most = _mm256_sub_ps(lanes_more(_mm256_mul_ps(outer, outer)), apart),
                  least = _mm256_sub_ps(_mm256_mul_ps(inner, inner), lanes_more(apart));
     const __m256 deepest = lanes_more(_mm256_sqrt_ps(_mm256_max_ps(most, _mm256_setzero_ps()))),
                  flattest = _mm256_sqrt_ps(_mm256_max_ps(least, _mm256_setzero_ps()));
-    const __m256 near = _mm256_sub_ps(_mm256_sub_ps(circles.along, deepest), circles.blur),
-                 far = _mm256_add_ps(_mm256_fnmadd_ps(flattest, _mm256_set1_ps(1 - 0x1p-19f), circles.along),
-                                     circles.blur);
+    const __m256 near = _mm256_sub_ps(_mm256_sub_ps(places.along, deepest), places.blur),
+                 far =
+                     _mm256_add_ps(_mm256_fnmadd_ps(flattest, _mm256_set1_ps(1 - 0x1p-19f), places.along), places.blur);
     const __m256 out = _mm256_or_ps(_mm256_cmp_ps(lanes_more(most), _mm256_setzero_ps(), _CMP_LT_OQ),
                                     _mm256_or_ps(_mm256_cmp_ps(near, _mm256_set1_ps(reach), _CMP_GT_OQ),
                                                  _mm256_cmp_ps(far, _mm256_broadcast_ss(&ray->tmin), _CMP_LT_OQ)));
