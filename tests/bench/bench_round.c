@@ -6,10 +6,11 @@
  *     bench_round [--size N] [--turns N] [--strands N] [--points N] [--threads N] [--high]
  *
  * It prints bytes, strands built a second, and rays a second: the primary rays of an N x N picture in tiles, and from
- * their hits diffuse rays and shadow rays to a light. Shadow rays end at any hit. All subjects get the same rays, all in
- * one call of bvhd_cpu.h or one by one with rtcIntersect1 and rtcOccluded1 in a robust scene. Subjects take turns, and
- * each turn begins with another one; the figures are medians over the turns, of rates and of their ratios within a turn.
- * Times are processor time of the thread that traces or builds, for builds with several threads of the process.
+ * their hits diffuse rays and shadow rays to a light. Shadow rays end at any hit. All subjects get the same rays: all
+ * in one call of bvhd_cpu.h, or one by one with rtcIntersect1 and rtcOccluded1 in a robust scene. Subjects take turns,
+ * and each turn begins with another one; the figures are medians over the turns, of rates and of their ratios within a
+ * turn. Times are processor time of the thread that traces or builds, and of the process for builds with several
+ * threads.
  */
 #include <float.h>
 #include <math.h>
@@ -166,7 +167,7 @@ static RTCScene build_embree(RTCDevice device, const struct mesh *mesh)
     return scene;
 }
 
-/* Builds a subject, in place of what it was; the time is all that the caller waits for. */
+/* Builds a subject, in place of what it was. */
 static void build_subject(struct subject *subject, const struct settings *settings, const struct parallel *parallel)
 {
     const struct build_input input = {.type = STRUCTURE_BOTTOM,
