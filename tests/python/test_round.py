@@ -182,11 +182,16 @@ class RoundTest(unittest.TestCase):
             (bvhd.SweptSpheres(POINTS, -1), "linearSweptSpheres[", "10426"),
         )
         for geometry, place, rule in cases:
-            with self.assertRaises(bvhd.Error) as raised:
-                self.client.build(geometry)
-            self.assertEqual(raised.exception.status, bvhd.Status.INVALID)
-            self.assertIn("infos[0].geometries[0]." + place, raised.exception.where)
-            self.assertIn(rule, raised.exception.vuid)
+            texts = set()
+            for local in (bvhd.Local.NEVER, bvhd.Local.ALWAYS):
+                with bvhd.Client(local=local, connect_timeout=30) as client:
+                    with self.assertRaises(bvhd.Error) as raised:
+                        client.build(geometry)
+                self.assertEqual(raised.exception.status, bvhd.Status.INVALID)
+                self.assertIn("infos[0].geometries[0]." + place, raised.exception.where)
+                self.assertIn(rule, raised.exception.vuid)
+                texts.add(str(raised.exception))
+            self.assertEqual(len(texts), 1, texts)
         mixed = bvhd.BottomLevel([bvhd.Spheres(POINTS, RADII), bvhd.Triangles(CORNERS, FACES)])
         with self.assertRaises(bvhd.Error):
             self.client.build(mixed)
