@@ -31,8 +31,6 @@ static enum bvhd_status check_geometries(const struct build_input *input, struct
         if (status == BVHD_OK)
             status = layout_check_kind(layout_find(input->options.target), &subject);
         if (status == BVHD_OK)
-            status = layout_check_kind(layout_find(input->options.target), &subject);
-        if (status == BVHD_OK)
             status = kind_find(input->geometries[i].type)->check_shape(&subject);
     }
     return status;
