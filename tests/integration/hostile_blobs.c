@@ -84,7 +84,7 @@ static void trace(const struct portable_view *view, struct random *random, doubl
             if (!traverse(&scene, &ray, &options, &hit, NULL))
                 continue;
             tally->hits++;
-            if (!hit.is_aabb)
+            if (!hit.is_aabb && !hit.is_sphere && !hit.is_swept_sphere)
                 traverse_positions(&scene, &hit, corners);
         }
     }
