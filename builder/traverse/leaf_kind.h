@@ -13,9 +13,8 @@ struct leaf_kind {
     uint32_t skip_flag; /* the RAY_SKIP_ flag of rays that skip the primitives; 0: these are instances */
     bool is_top; /* they hold instances, so that the structure is a top level */
     bool is_triangles; /* they hold triangles, which rays meet with a triangle_ray, and whose facing counts */
-    /* Prepares the state's ray for the primitives. NULL: there is nothing to prepare, or is_triangles says it. */
+    /* Prepares the state for visit(). NULL: there is nothing to prepare, or is_triangles says it. */
     void (*prepare)(struct traverse_state *state);
-    enum traverse_kind round_kind; /* what the ray meets, if there is something to prepare */
     bool can_unpack; /* unpacked_fill() takes such structures */
     traverse_leaf visit;
 

@@ -6,9 +6,20 @@
 #include "builder/traverse/sphere.h"
 #include "builder/traverse/swept_sphere.h"
 
-static void prepare(struct traverse_state *state)
+void round_prepare(struct traverse_state *state, enum traverse_kind kind)
 {
     round_ray_init(state->origin, state->direction, state->ray->tmin, &state->round_ray);
+    state->round_kind = kind;
+}
+
+static void prepare_spheres(struct traverse_state *state)
+{
+    round_prepare(state, MET_SPHERE);
+}
+
+static void prepare_swept_spheres(struct traverse_state *state)
+{
+    round_prepare(state, MET_SWEPT_SPHERE);
 }
 
 static unsigned caps_of(const struct portable_round *round)
@@ -70,9 +81,8 @@ static void grow_swept_spheres(const struct portable_view *view, uint32_t first,
 
 const struct leaf_kind leaf_spheres = {
     .skip_flag = RAY_SKIP_TRIANGLES,
-    .prepare = prepare,
+    .prepare = prepare_spheres,
     .can_unpack = true,
-    .round_kind = MET_SPHERE,
     .visit = visit_spheres,
     .walk_avx2 = traverse_avx2_round,
     .grow = grow_spheres,
@@ -80,9 +90,8 @@ const struct leaf_kind leaf_spheres = {
 
 const struct leaf_kind leaf_swept_spheres = {
     .skip_flag = RAY_SKIP_TRIANGLES,
-    .prepare = prepare,
+    .prepare = prepare_swept_spheres,
     .can_unpack = true,
-    .round_kind = MET_SWEPT_SPHERE,
     .visit = visit_swept_spheres,
     .walk_avx2 = traverse_avx2_round,
     .grow = grow_swept_spheres,

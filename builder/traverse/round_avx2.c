@@ -240,6 +240,7 @@ BOXTEST_AVX2 bool traverse_avx2_round(struct traverse_state *state, const struct
     if (walk.nodes.unpacked)
         walk.nodes.scales = unpacked_scales(&walk.nodes.boxes);
     const bool is_swept = view->header->content == PORTABLE_SWEPT_SPHERES;
+    round_prepare(state, is_swept ? MET_SWEPT_SPHERE : MET_SPHERE);
     round_lanes_init(state, is_swept, &walk.lanes);
     if (walk.nodes.unpacked)
         (is_swept ? find_swept_unpacked : find_spheres_unpacked)(&walk);

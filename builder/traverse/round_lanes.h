@@ -39,7 +39,10 @@ struct round_lanes_ray {
     float tmin; /* as a length, rounded down */
 };
 
-/* Prepares a ray, of which the origin may be more precise than a float. Spheres do not need the directions across it. */
+/*
+ * Prepares the ray of a state, of which the origin may be more precise than a float. Spheres do not need the directions
+ * across it.
+ */
 static inline void round_lanes_init(const struct traverse_state *state, bool is_swept, struct round_lanes_ray *ret_ray)
 {
     const double *d = state->round_ray.direction;

@@ -16,14 +16,17 @@ static inline const float *round_vertex_of(const struct portable_view *view, con
     return view->vertices + (uint64_t)4 * round->vertex;
 }
 
+/* Prepares a state for the tests of one kind (leaf_round.c). */
+void round_prepare(struct traverse_state *state, enum traverse_kind kind);
+
 /* Test the ray in the state against one record (leaf_round.c). */
 void round_meet_sphere(struct traverse_state *state, const struct portable_view *view, uint32_t record);
 void round_meet_swept(struct traverse_state *state, const struct portable_view *view, uint32_t record);
 
 /*
  * Traverses a non-empty bottom level of spheres or linear swept spheres with AVX2 (round_avx2.c), on machines for which
- * boxtest_has_avx2() is true. The state is ready for its primitives. Returns false, and does nothing, if the general
- * walk is needed.
+ * boxtest_has_avx2() is true. The state is ready for its primitives, but not prepared. Returns false, and does nothing,
+ * if the general walk is needed.
  */
 bool traverse_avx2_round(struct traverse_state *state, const struct portable_view *view,
                          const struct unpacked_node *unpacked);

@@ -39,7 +39,8 @@ static enum swept_answer enter_precisely(const struct round_ray *ray, const floa
     if (!(remoteness(ray, ends[0]) > remoteness(ray, ends[1])))
         return enter_swept_twofold(ray, ends[0], ends[1], ret_hit);
     const enum swept_answer answer = enter_swept_twofold(ray, ends[1], ends[0], ret_hit);
-    ret_hit->u = 1 - ret_hit->u;
+    if (answer == SWEPT_SIDE)
+        ret_hit->u = 1 - ret_hit->u;
     return answer == SWEPT_FIRST ? SWEPT_SECOND : answer == SWEPT_SECOND ? SWEPT_FIRST : answer;
 }
 

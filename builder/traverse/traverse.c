@@ -42,6 +42,8 @@ static void visit_nodes(struct traverse_walk *walk, const struct leaf_kind *kind
     if (walk->avx2 && kind->walk_avx2 && !walk->state.options->flip_order &&
         kind->walk_avx2(&walk->state, walk->view, walk->unpacked))
         return;
+    if (kind->prepare)
+        kind->prepare(&walk->state);
     if (walk->avx2 && init_avx2(walk, &ray)) {
         if (kind->is_top && is_any(walk))
             traverse_avx2_any_instances(walk, &ray, kind->visit);
@@ -75,10 +77,6 @@ void traverse_walk_bottom(struct traverse_walk *walk, uint32_t bottom, const str
     const struct leaf_kind *kind = leaf_kind_of(view);
     if (kind->is_top || !traverse_state_enter(&walk->state, instance, kind->skip_flag, kind->is_triangles))
         return;
-    if (kind->prepare) {
-        walk->state.round_kind = kind->round_kind;
-        kind->prepare(&walk->state);
-    }
     walk->view = view;
     walk->unpacked = unpacked_of(walk->scene, bottom);
     visit_nodes(walk, kind);

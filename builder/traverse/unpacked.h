@@ -6,9 +6,9 @@
  * of four. The copy takes 224 bytes a node and 48 bytes a triangle, about 70 bytes a triangle in all.
  *
  * Structures of triangles, of spheres and of linear swept spheres, and top levels are unpacked. A child's box is the
- * box in the portable node, less what lies outside all primitives below it, or outside the portable boxes of all instances below
- * it. A hit lies in the boxes of the portable nodes above it, which portable.h guarantees, and in the box around its
- * primitive, so that no hit is lost. Spheres and their vertices stay where they are.
+ * box in the portable node, less what lies outside all primitives below it, or outside the portable boxes of all
+ * instances below it. A hit lies in the boxes of the portable nodes above it, which portable.h guarantees, and in the
+ * box around its primitive, so that no hit is lost. Spheres and their vertices stay where they are.
  */
 #ifndef BVHD_UNPACKED_H
 #define BVHD_UNPACKED_H
