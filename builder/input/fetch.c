@@ -176,5 +176,9 @@ enum bvhd_status fetch_positions(struct fetch *fetch, unsigned char *block, cons
                                  struct bvhd_error *error)
 {
     fetch->block = block;
-    return make_pass(fetch, FORM_POSITIONS, take_vertices, context, error);
+    enum bvhd_status status = make_pass(fetch, FORM_POSITIONS, take_vertices, context, error);
+    for (uint32_t i = 0; status == BVHD_OK && i < fetch->view.geometry_count; i++)
+        if (kind_of(fetch, i)->gather)
+            status = kind_of(fetch, i)->gather(fetch, i, context, error);
+    return status;
 }

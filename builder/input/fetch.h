@@ -51,7 +51,7 @@ enum bvhd_status fetch_primitives(struct fetch *fetch, unsigned char *block, con
 
 /*
  * Fills the arrays of positions, at the offsets in the geometry rows of `block`, with the geometries' transforms
- * applied. Returns BVHD_CANCELLED when the flag is set.
+ * applied. Returns BVHD_CANCELLED when the flag is set, or BVHD_NO_MEMORY.
  */
 enum bvhd_status fetch_positions(struct fetch *fetch, unsigned char *block, const struct build_context *context,
                                  struct bvhd_error *error);

@@ -18,6 +18,7 @@
 #include "builder/kernel/primitive_ref.h"
 #include "proto/base/validate_shape.h"
 
+struct build_context;
 struct classification;
 struct classification_counts;
 struct fetch;
@@ -40,6 +41,8 @@ struct input_kind {
 
     /* Returns how many words of scratch memory the functions that read need, until the vertices are read. NULL: 0. */
     uint64_t (*scratch)(const struct geometry *geometry);
+    /* Returns the most bytes that reading takes beside the copy, with the scratch memory. NULL: 0. */
+    uint64_t (*beside)(const struct geometry *geometry);
     /* Reads primitives, that is, indices, boxes or records, once; called on any thread. */
     void (*fetch_primitives)(struct fetch *fetch, uint32_t geometry, uint32_t first, uint32_t count);
     /* Checks what was read when all primitives have been, and counts the vertices in use. NULL: nothing to do. */
@@ -51,6 +54,10 @@ struct input_kind {
     void (*rebase)(struct fetch *fetch, uint32_t geometry, uint32_t first, uint32_t count);
     /* Reads vertices once; called on any thread. NULL: the kind has none. */
     void (*fetch_vertices)(struct fetch *fetch, uint32_t geometry, uint32_t first, uint32_t count);
+
+    /* Reads the vertices that fetch_vertices leaves to it, on all threads of the context. NULL: it leaves none. */
+    enum bvhd_status (*gather)(struct fetch *fetch, uint32_t geometry, const struct build_context *context,
+                               struct bvhd_error *error);
 
     /*
      * Checks Vulkan's rules about contents. `info` and `index` are the numbers of the entry and of the geometry, for

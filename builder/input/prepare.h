@@ -4,9 +4,7 @@
  *
  * Every byte that the description's struct bytes point to is read at most once, so a caller who writes to that memory
  * during the build harms only its own result: the bytes that were read are the ones that are validated, hashed and
- * built. (The description itself, with its tables of geometries and references, must not change during the call. Pairs
- * of ends that are gathered, see below, are the one exception: a vertex that several of them name is read once for
- * each, and each gets what was read for it.) The rules are checked in this order: validate_input; indices against
+ * built. (The description itself, with its tables of geometries and references, must not change during the call.) The rules are checked in this order: validate_input; indices against
  * maxVertex (VUIDs 10774 and 10775) and against the bytes given; instance references against the table (VUID 03779);
  * validate_canonical.
  *

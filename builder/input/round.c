@@ -21,6 +21,20 @@ bool round_is_one_vertex(const struct geometry *geometry)
     return arrays->vertex_stride == 0 && arrays->radius_stride == 0;
 }
 
+static uint64_t elements(const struct bytes *array, uint64_t stride)
+{
+    return stride == 0 ? UINT64_MAX : array->size / stride + (array->size % stride != 0);
+}
+
+uint64_t round_room(const struct geometry *geometry)
+{
+    const struct geometry_spheres *arrays = round_arrays(geometry);
+    const uint64_t most = (uint64_t)1 << (arrays->index_type == INDEX_UINT16 ? 16 : 32);
+    const uint64_t centres = elements(&arrays->vertices, arrays->vertex_stride);
+    const uint64_t radii = elements(&arrays->radii, arrays->radius_stride), both = centres < radii ? centres : radii;
+    return both < most ? both : most;
+}
+
 static uint32_t index_size(const struct geometry_spheres *arrays)
 {
     return arrays->index_type == INDEX_UINT16 ? 2 : 4;

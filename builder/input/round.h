@@ -20,6 +20,9 @@ struct round_rules {
 /* Returns the arrays of spheres, or of the ends of linear swept spheres. */
 const struct geometry_spheres *round_arrays(const struct geometry *geometry);
 
+/* Returns how many vertices the arrays have room for, as far as indices can name them. */
+uint64_t round_room(const struct geometry *geometry);
+
 /* Returns whether both strides are 0, so that all vertices are one. */
 bool round_is_one_vertex(const struct geometry *geometry);
 

@@ -13,6 +13,9 @@
  * both holds is known when all indices have been read; until then, they are kept beside the block.
  */
 
+/* Vertices that are one task for a thread. */
+enum { CHUNK = 4096 };
+
 static const struct round_rules rules = {
     .indices_given = BVHD_VUID_11826,
     .indices = BVHD_VUID_11827,
@@ -73,6 +76,14 @@ static bool update_is_sound(const struct form_geometry *row)
 static uint64_t scratch(const struct geometry *geometry)
 {
     return has_indices(geometry) ? (uint64_t)per_primitive(geometry) * geometry->range.primitive_count : 0;
+}
+
+/* A list that is gathered is read as it is first. */
+static uint64_t beside(const struct geometry *geometry)
+{
+    const uint64_t indices = sizeof(uint32_t) * scratch(geometry);
+    const bool may_gather = has_indices(geometry) && !is_successive(geometry) && !round_is_one_vertex(geometry);
+    return indices + (may_gather ? 4 * sizeof(float) * round_room(geometry) : 0);
 }
 
 static bool are_neighbours(const uint32_t *pairs, uint32_t count)
@@ -172,16 +183,69 @@ static void write_indices(struct fetch *fetch, uint32_t index, uint32_t first, u
         target[i] = first_end(geometry, source, i) | caps_of(geometry, source, i);
 }
 
-/* The indices of a gathered list are the numbers of the vertices in their new order. */
+static float *vertices_of(const struct fetch *fetch, uint32_t index)
+{
+    return (float *)(void *)(fetch->block + fetch_row(fetch, index)->data_offset);
+}
+
 static void fetch_vertices(struct fetch *fetch, uint32_t index, uint32_t first, uint32_t count)
 {
     const struct fetch_source *source = &fetch->sources[index];
-    float *target = (float *)(void *)(fetch->block + fetch_row(fetch, index)->data_offset) + (size_t)4 * first;
     if (!source->gathers)
-        round_read_vertices(fetch, index, (uint64_t)source->lowest + first, count, target);
-    else
-        for (uint32_t i = 0; i < count; i++)
-            round_read_vertices(fetch, index, source->scratch[first + i], 1, target + (size_t)4 * i);
+        round_read_vertices(fetch, index, (uint64_t)source->lowest + first, count,
+                            vertices_of(fetch, index) + (size_t)4 * first);
+}
+
+/* A list that is gathered, and its vertices from the lowest to the highest index, each of which is read once. */
+struct gathering {
+    struct fetch *fetch;
+    uint32_t index;
+    float *span;
+    uint64_t span_count, count;
+};
+
+static void read_chunk(void *context, size_t chunk)
+{
+    const struct gathering *gathering = context;
+    const struct fetch_source *source = &gathering->fetch->sources[gathering->index];
+    size_t begin, end;
+    parallel_chunk(chunk, CHUNK, gathering->span_count, &begin, &end);
+    round_read_vertices(gathering->fetch, gathering->index, (uint64_t)source->lowest + begin, (uint32_t)(end - begin),
+                        gathering->span + 4 * begin);
+}
+
+/* The indices of the list are the numbers of the vertices in their new order. */
+static void copy_chunk(void *context, size_t chunk)
+{
+    const struct gathering *gathering = context;
+    const struct fetch_source *source = &gathering->fetch->sources[gathering->index];
+    float *target = vertices_of(gathering->fetch, gathering->index);
+    size_t vertex, end;
+    for (parallel_chunk(chunk, CHUNK, gathering->count, &vertex, &end); vertex < end; vertex++)
+        memcpy(target + 4 * vertex, gathering->span + (size_t)4 * (source->scratch[vertex] - source->lowest),
+               4 * sizeof *target);
+}
+
+static enum bvhd_status gather(struct fetch *fetch, uint32_t index, const struct build_context *context,
+                               struct bvhd_error *error)
+{
+    const struct fetch_source *source = &fetch->sources[index];
+    if (!source->gathers)
+        return BVHD_OK;
+    struct gathering gathering = {.fetch = fetch,
+                                  .index = index,
+                                  .span_count = (uint64_t)source->highest - source->lowest + 1,
+                                  .count = fetch->view.geometries[index].vertex_count};
+    gathering.span = memory_array(context->memory, gathering.span_count, 4 * sizeof *gathering.span);
+    if (!gathering.span)
+        return bvhd_error_no_memory(error, place("infos[%u].geometries[%u]", fetch->index, index).text,
+                                    "no memory for %llu vertices", (unsigned long long)gathering.span_count);
+    const bool done = parallel_for_until(context->parallel, context->cancel,
+                                         parallel_chunks(CHUNK, gathering.span_count), read_chunk, &gathering) &&
+                      parallel_for_until(context->parallel, context->cancel, parallel_chunks(CHUNK, gathering.count),
+                                         copy_chunk, &gathering);
+    memory_free(context->memory, gathering.span);
+    return done ? BVHD_OK : bvhd_error_set(error, BVHD_CANCELLED, place("infos[%u]", fetch->index).text, "cancelled");
 }
 
 static const float *first_of(const struct canonical_geometry *geometry, uint32_t index)
@@ -276,10 +340,12 @@ const struct input_kind input_swept_spheres = {
     .update_is_sound = update_is_sound,
     .view = round_view,
     .scratch = scratch,
+    .beside = beside,
     .fetch_primitives = fetch_indices,
     .finish = finish,
     .rebase = write_indices,
     .fetch_vertices = fetch_vertices,
+    .gather = gather,
     .check_contents = check_contents,
     .check_foreign = check_foreign,
     .look = look,

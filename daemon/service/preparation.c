@@ -46,7 +46,7 @@ static uint64_t geometry_vertex_bytes(const struct geometry *geometry)
 static uint64_t scratch_bytes(const struct geometry *geometry)
 {
     const struct input_kind *kind = input_kind_of(geometry->type);
-    return kind->scratch ? product(kind->scratch(geometry), sizeof(uint32_t)) : 0;
+    return kind->beside ? kind->beside(geometry) : 0;
 }
 
 static uint64_t geometry_bound(const struct geometry *geometry)
