@@ -25,8 +25,7 @@ static void write_scene(struct build_command *command, const struct import *impo
     json_text(json, "source", path);
     json_integer(json, "meshes", import->mesh_count);
     json_integer(json, "triangles", import->triangle_count);
-    json_integer(json, "points", import->point_count);
-    json_integer(json, "lines", import->line_count);
+    manifest_write_round_counts(json, import);
     json_integer(json, "instances", import->instance_count);
     json_integer(json, "skipped_instances", import->skipped_instances);
     manifest_write_left_out(json, &import->counts);

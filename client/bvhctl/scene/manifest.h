@@ -38,6 +38,9 @@ void manifest_write_structure(struct json *json, const struct assembly *assembly
  */
 void manifest_write_scene(struct json *json, const struct assembly *assembly, const struct file_names *names);
 
+/* Writes the members "points" and "lines", the numbers of those that were read; nothing for those that are 0. */
+void manifest_write_round_counts(struct json *json, const struct import *import);
+
 /* Writes the member "left_out", with the kinds of which there is some; nothing if there is none. */
 void manifest_write_left_out(struct json *json, const struct import_counts *counts);
 

@@ -64,6 +64,14 @@ static void write_files(struct json *json, const struct import *import)
     json_array_end(json);
 }
 
+void manifest_write_round_counts(struct json *json, const struct import *import)
+{
+    if (import->point_count)
+        json_integer(json, "points", import->point_count);
+    if (import->line_count)
+        json_integer(json, "lines", import->line_count);
+}
+
 void manifest_write_scene(struct json *json, const struct assembly *assembly, const struct file_names *names)
 {
     const struct import *import = assembly->import;
@@ -73,10 +81,7 @@ void manifest_write_scene(struct json *json, const struct assembly *assembly, co
     json_text(json, "file", names->files[import->bottom_count]);
     json_integer(json, "meshes", import->mesh_count);
     json_integer(json, "triangles", import->triangle_count);
-    if (import->point_count)
-        json_integer(json, "points", import->point_count);
-    if (import->line_count)
-        json_integer(json, "lines", import->line_count);
+    manifest_write_round_counts(json, import);
     json_integer(json, "instances", import->instance_count);
     json_integer(json, "skipped_instances", import->skipped_instances);
     manifest_write_bounds(json, top->bounds);

@@ -20,7 +20,7 @@ struct tracer_hit {
     uint32_t flags; /* TRACER_ */
 };
 
-enum { TRACER_FRONT_FACE = 1, TRACER_AABB = 2 };
+enum { TRACER_FRONT_FACE = 1, TRACER_AABB = 2, TRACER_SPHERE = 4, TRACER_SWEPT_SPHERE = 8 };
 
 /* The answer for a ray that meets nothing: all other fields are 0. */
 extern const struct tracer_hit tracer_miss;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* test_round_surface.c - tests the normals of spheres and linear swept spheres, and the triangles that stand in for them. */
+/* test_round_surface.c - tests the normals of spheres and linear swept spheres, and what stands in for them. */
 #include "tests/support/unit.h"
 
 #include "client/bvhctl/oracle/rays.h"

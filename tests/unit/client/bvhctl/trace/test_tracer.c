@@ -79,6 +79,10 @@ static void test_hit_of(void **state)
     made = tracer_hit_of(&hit);
     assert_memory_equal(&made, &expected, sizeof made);
     assert_int_equal(sizeof made, 32);
+    hit = (struct ray_hit){.is_sphere = true};
+    assert_int_equal(tracer_hit_of(&hit).flags, TRACER_SPHERE);
+    hit = (struct ray_hit){.is_swept_sphere = true};
+    assert_int_equal(tracer_hit_of(&hit).flags, TRACER_SWEPT_SPHERE);
 }
 
 static void test_choose_cpu(void **state)
