@@ -205,7 +205,7 @@ bool bvhdRoundHit(BvhdTriangleRay ray, vec4 ends[2], bool isSwept, bvec2 hasCaps
     float size = max(max(max(way.x, way.y), way.z), max(ends[0].w, ends[1].w));
     uint exponent = floatBitsToUint(size) & 0x7f800000u;
     uint speed = floatBitsToUint(max(max(speeds.x, speeds.y), speeds.z)) & 0x7f800000u;
-    if (exponent == 0u || exponent == 0x7f800000u)
+    if (exponent == 0u || exponent == 0x7f800000u || !(max(ends[0].w, ends[1].w) > 0.0))
         return false;
     float scale = uintBitsToFloat(0x7f000000u - exponent), slow = uintBitsToFloat(0x7f000000u - speed);
     vec2 x = bvhdAdd(bvhdSum(ray.origin.x, -ends[0].x), vec2(ray.originLow.x, 0.0));

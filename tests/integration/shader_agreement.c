@@ -8,7 +8,7 @@
  * accepted in part, or that end the query; through a storage buffer and through addresses. Each ray is compared with
  * the CPU traversal, and where they differ, with references. Structures are of triangles and AABBs (flat), of spheres
  * and linear swept spheres (round), or of all of them; without --kinds they are flat, and the shader is the one that
- * knows no others.
+ * knows no others. That shader must find nothing in structures of round kinds.
  *
  * The exit status is 1 when something is wrong, and 77 without a device.
  */
@@ -28,7 +28,7 @@ enum { RAYS = 256, CASES = 4, MOST_PRIMITIVES = 2000, MOST_BELOW_TOP = 300 };
 
 struct run {
     struct memory memory;
-    struct shader_bed *beds[2];
+    struct shader_bed *beds[2], *flat; /* flat: knows no round kinds; NULL where the others do not either */
     struct shader_full_answer *answers;
     uint64_t seed, scenes, defects;
     enum random_choice kinds;
@@ -156,6 +156,19 @@ static void trace_case(struct run *run, struct shader_bed *bed, const struct sce
         run->defects += shader_details_judge(what, scene, rays, RAYS, run->answers);
 }
 
+/* Counts hits of the shader that knows no round kinds as defects, if the scene has no others. */
+static void trace_flat(struct run *run, const struct scene *scene, const struct ray *rays)
+{
+    struct shader_answer answers[RAYS];
+    for (uint32_t i = 0; i < scene->bottom_count; i++)
+        if (scene->bottoms[i] && scene->bottoms[i]->header->content < PORTABLE_SPHERES)
+            return;
+    shader_bed_load(run->flat, scene);
+    shader_bed_trace(run->flat, rays, RAYS, SHADER_ACCEPT, answers);
+    for (uint32_t i = 0; i < RAYS; i++)
+        run->defects += answers[i].type != 0 || answers[i].candidate_count != 0;
+}
+
 static void trace_scene(struct run *run, const struct scene *scene, struct random *random)
 {
     struct shader_meshes aims;
@@ -171,6 +184,8 @@ static void trace_scene(struct run *run, const struct scene *scene, struct rando
         make_rays(&aims, &shared, random, rays);
         trace_case(run, bed, scene, &shared, rays);
     }
+    if (is_asked && run->flat)
+        trace_flat(run, scene, rays);
     shader_meshes_finish(&aims);
 }
 
@@ -238,7 +253,8 @@ static bool open_beds(struct run *run, const char *device)
     options.by_address = options.plain_bytes = true;
     if (shader_bed_create(&options, &run->memory, &run->beds[1], &error) != BVHD_OK)
         fprintf(stderr, "shader_agreement: without addresses: %s\n", error.text);
-    return true;
+    options.is_round = options.by_address = false;
+    return run->kinds == RANDOM_FLAT || shader_bed_create(&options, &run->memory, &run->flat, &error) == BVHD_OK;
 }
 
 static void print_tally(const struct run *run)
@@ -297,6 +313,7 @@ int main(int argc, char **argv)
         run.tally.certain || run.candidates.defects || run.defects || run.tally.boxes * 200 > run.tally.rays;
     shader_bed_destroy(run.beds[0]);
     shader_bed_destroy(run.beds[1]);
+    shader_bed_destroy(run.flat);
     free(run.answers);
     if (thin)
         fprintf(stderr, "shader_agreement: too few of these rays decide anything\n");
