@@ -17,9 +17,10 @@
  *
  *     |X x D|^2 - e^2 X.X + 2 r e X.D - r^2 D.D = 0
  *
- * and left of zero inside it. The circles are at X.D = r e and X.D = D.D + s e. For X = o + t d that is quadratic in t,
- * and the ray enters where its value falls. Before that the origin is moved along the ray, first close to the shape and
- * then to the point closest to its axis: otherwise terms as large as the distance would cancel.
+ * and the left side is below zero inside it. The circles are at X.D = r e and X.D = D.D + s e. For X = o + t d that is
+ * quadratic in t, and the ray enters where its value falls. Before that the origin is moved along the ray, first to the
+ * point closest to the first centre and then to the one closest to the axis: otherwise terms as large as the distance
+ * would cancel.
  */
 #ifndef BVHD_ROUND_GLSL
 #define BVHD_ROUND_GLSL
@@ -194,10 +195,19 @@ bool bvhdEnterSwept(BvhdPairs o, BvhdPairs d, vec2 square, BvhdPairs axis, vec2 
     return true;
 }
 
+// Whether the line of the ray passes closer to the second centre than to the first.
+bool bvhdIsSecondCloser(BvhdTriangleRay ray, vec4 ends[2])
+{
+    vec3 unit = ray.direction * inversesqrt(dot(ray.direction, ray.direction));
+    vec3 first = cross(ends[0].xyz - ray.origin, unit), second = cross(ends[1].xyz - ray.origin, unit);
+    return dot(second, second) < dot(first, first);
+}
+
 /*
  * Returns whether the line of the ray enters the sphere or linear swept sphere from outside, at any t, also behind the
  * origin. Shapes that are not finite, or have no radius, are never hit. Powers of two bring the shape's size and the
- * direction near 1: the errors of products must not underflow.
+ * direction near 1: the errors of products must not underflow. All is relative to the end that the line passes closer
+ * to, because the terms, and so their errors, grow with the distance from it.
  */
 bool bvhdRoundHit(BvhdTriangleRay ray, vec4 ends[2], bool isSwept, bvec2 hasCaps, out BvhdRoundHit hit)
 {
@@ -208,20 +218,24 @@ bool bvhdRoundHit(BvhdTriangleRay ray, vec4 ends[2], bool isSwept, bvec2 hasCaps
     if (exponent == 0u || exponent == 0x7f800000u || !(max(ends[0].w, ends[1].w) > 0.0))
         return false;
     float scale = uintBitsToFloat(0x7f000000u - exponent), slow = uintBitsToFloat(0x7f000000u - speed);
-    vec2 x = bvhdAdd(bvhdSum(ray.origin.x, -ends[0].x), vec2(ray.originLow.x, 0.0));
-    vec2 y = bvhdAdd(bvhdSum(ray.origin.y, -ends[0].y), vec2(ray.originLow.y, 0.0));
-    vec2 z = bvhdAdd(bvhdSum(ray.origin.z, -ends[0].z), vec2(ray.originLow.z, 0.0));
+    bool isTurned = bvhdIsSecondCloser(ray, ends);
+    vec4 from = isTurned ? ends[1] : ends[0], to = isTurned ? ends[0] : ends[1];
+    vec2 x = bvhdAdd(bvhdSum(ray.origin.x, -from.x), vec2(ray.originLow.x, 0.0));
+    vec2 y = bvhdAdd(bvhdSum(ray.origin.y, -from.y), vec2(ray.originLow.y, 0.0));
+    vec2 z = bvhdAdd(bvhdSum(ray.origin.z, -from.z), vec2(ray.originLow.z, 0.0));
     BvhdPairs o = BvhdPairs(x, y, z) * scale, d = bvhdPairs(ray.direction, ray.directionLow) * slow;
-    BvhdPairs axis =
-        BvhdPairs(bvhdSum(ends[1].x, -ends[0].x), bvhdSum(ends[1].y, -ends[0].y), bvhdSum(ends[1].z, -ends[0].z)) *
-        scale;
-    vec2 square = bvhdDot(d, d), radii = vec2(ends[0].w, ends[1].w) * scale;
-    vec2 moved = vec2(-dot(bvhdHigh(o) - 0.5 * bvhdHigh(axis), bvhdHigh(d)) / square.x, 0.0);
+    vec2 square = bvhdDot(d, d), moved = vec2(-dot(bvhdHigh(o), bvhdHigh(d)) / square.x, 0.0);
     o = bvhdMoved(o, moved, d);
     hit.u = 0.0;
-    if (isSwept ? !bvhdEnterSwept(o, d, square, axis, radii, hasCaps, hit.t, hit.u) :
-                  !bvhdEnterBall(o, d, square, radii.x, hit.t))
+    if (isSwept) {
+        BvhdPairs axis = BvhdPairs(bvhdSum(to.x, -from.x), bvhdSum(to.y, -from.y), bvhdSum(to.z, -from.z)) * scale;
+        if (!bvhdEnterSwept(o, d, square, axis, vec2(from.w, to.w) * scale, isTurned ? hasCaps.yx : hasCaps, hit.t,
+                            hit.u))
+            return false;
+        hit.u = isTurned ? 1.0 - hit.u : hit.u;
+    } else if (!bvhdEnterBall(o, d, square, from.w * scale, hit.t)) {
         return false;
+    }
     hit.t = bvhdAdd(hit.t, moved) * slow * uintBitsToFloat(exponent);
     return true;
 }
