@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * test_leaf_round.c - tests that rays through structures of spheres and of linear swept spheres, in every walk, have
- * the answers of brute force.
+ * the answers of brute force; under instances beside triangles, with opacity, masks, skipped kinds and callbacks.
  */
 #include "tests/support/unit.h"
 
@@ -249,10 +249,153 @@ static void test_one_level(void **state)
         }
 }
 
+enum { INSTANCES = 6 };
+
+/*
+ * A top level over a sphere of radius 1, a rod with caps from x = -2 to 2 of radius 1, and a triangle. Their instances
+ * stand along x, 10 apart and each kind twice, scaled by 2, the second of each kind with mask 2.
+ */
+struct row {
+    struct bed bed;
+    struct test_instance instances[INSTANCES];
+};
+
+static void make_row(struct row *row, uint32_t flags)
+{
+    static const float corners[1][3][3] = {{{0, -4, -4}, {0, 4, -4}, {0, 0, 4}}};
+    float centres[2][3] = {{-2, 0, 0}, {2, 0, 0}}, radii[2] = {1, 1}, origin[1][3] = {{0, 0, 0}};
+    const struct matter ball = {origin, radii, NULL, 1}, rod = {centres, radii, NULL, 2};
+    const struct geometry geometries[3] = {geometry_of(&ball, BALLS, true, flags),
+                                           geometry_of(&rod, ROD_LIST, true, flags),
+                                           test_scene_triangles(corners, 1, flags)};
+    test_scene_init(&row->bed.scene);
+    for (int i = 0; i < 3; i++)
+        test_scene_add(&row->bed.scene, &geometries[i], 1, 0);
+    for (uint32_t i = 0; i < INSTANCES; i++)
+        row->instances[i] = (struct test_instance){.transform = {2, 0, 0, 10.0f * (float)i, 0, 2, 0, 0, 0, 0, 2, 0},
+                                                   .mask = i < 3 ? 1 : 2,
+                                                   .custom_index = 100 + i,
+                                                   .bottom = i % 3};
+    test_scene_add_top(&row->bed.scene, row->instances, INSTANCES);
+    unpack(&row->bed);
+}
+
+/* A ray along z from z = -20, through the middle of an instance or beside it, or along x through all. */
+static struct ray ray_through(float x, float y)
+{
+    return (struct ray){.origin = {x, y, -20}, .direction = {0, 0, 1}, .tmax = FLT_MAX, .cull_mask = 0xff};
+}
+
+static void test_instances(void **state)
+{
+    (void)state;
+    struct row row;
+    struct ray_hit hit;
+    make_row(&row, GEOMETRY_OPAQUE);
+    for (uint32_t i = 0; i < INSTANCES; i++) {
+        if (i % 3 == 2)
+            continue; /* a triangle, seen edge-on */
+        struct ray ray = ray_through(10 * (float)i + 0.5f, 0);
+        assert_true(trace_all_ways(&row.bed, &ray, &hit));
+        assert_int_equal(hit.instance, i);
+        assert_int_equal(hit.custom_index, 100 + i);
+        assert_true(fabsf(hit.t - (i % 3 == 0 ? 20 - sqrtf(4 - 0.25f) : 18)) < 1e-5f); /* as in world space */
+        assert_true(fabsf(hit.u - (i % 3 == 0 ? 0 : 0.5f + 0.5f / 8)) < 1e-6f);
+        ray.cull_mask = i < 3 ? 2 : 1;
+        assert_false(trace_all_ways(&row.bed, &ray, &hit));
+        ray = ray_through(10 * (float)i, 2.01f); /* beside it */
+        assert_false(trace_all_ways(&row.bed, &ray, &hit));
+    }
+    /* Along x the sphere comes first, from outside; from its inside the rod; without both the triangle. */
+    struct ray ray = {.origin = {-20, 0, 0}, .direction = {1, 0, 0}, .tmax = FLT_MAX, .cull_mask = 1};
+    assert_true(trace_all_ways(&row.bed, &ray, &hit) && hit.instance == 0 && hit.t == 18);
+    ray.origin[0] = 0;
+    assert_true(trace_all_ways(&row.bed, &ray, &hit) && hit.instance == 1 && hit.t == 4 && hit.u == 0);
+    ray.origin[0] = 10;
+    assert_true(trace_all_ways(&row.bed, &ray, &hit) && hit.instance == 2 && hit.t == 10);
+    finish_bed(&row.bed);
+}
+
+/* Facing does not concern round shapes; SKIP_TRIANGLES skips them, SKIP_AABBS does not. */
+static void test_flags(void **state)
+{
+    (void)state;
+    static const struct {
+        uint32_t flags;
+        bool opaque_hits, other_hits; /* by whether the geometry is opaque */
+    } cases[] = {
+        {RAY_CULL_BACK_FACING, true, true},
+        {RAY_CULL_FRONT_FACING, true, true},
+        {RAY_SKIP_AABBS, true, true},
+        {RAY_SKIP_TRIANGLES, false, false},
+        {RAY_CULL_OPAQUE, false, true},
+        {RAY_CULL_NO_OPAQUE, true, false},
+        {RAY_OPAQUE | RAY_CULL_OPAQUE, false, false},
+        {RAY_NO_OPAQUE | RAY_CULL_NO_OPAQUE, false, false},
+    };
+    for (int opaque = 0; opaque < 2; opaque++) {
+        struct row row;
+        make_row(&row, opaque ? GEOMETRY_OPAQUE : 0);
+        for (size_t i = 0; i < sizeof cases / sizeof *cases; i++)
+            for (float x = 0; x <= 10; x += 10) {
+                struct ray ray = ray_through(x, 0.5f);
+                struct ray_hit hit;
+                ray.flags = cases[i].flags;
+                assert_int_equal(trace_all_ways(&row.bed, &ray, &hit),
+                                 opaque ? cases[i].opaque_hits : cases[i].other_hits);
+            }
+        finish_bed(&row.bed);
+    }
+}
+
+/* The candidates of a ray. */
+struct candidates {
+    uint32_t count, seen; /* their instances, as bits */
+    uint32_t accepted; /* the instance that is accepted */
+};
+
+static enum candidate_verdict judge(void *context, const struct ray *ray, const struct candidate_space *space,
+                                    struct ray_hit *hit)
+{
+    struct candidates *candidates = context;
+    (void)ray;
+    assert_true(!space->is_opaque && !hit->is_aabb && (hit->instance % 3 == 2 || (hit->front_face && hit->v == 0)));
+    assert_true(hit->t > 0 && hit->t < FLT_MAX && space->object_to_world);
+    candidates->count++;
+    candidates->seen |= 1u << hit->instance;
+    return hit->instance == candidates->accepted ? CANDIDATE_ACCEPT : CANDIDATE_IGNORE;
+}
+
+/* Shapes that are not opaque are candidates with their distances; opaque ones are hits without a question. */
+static void test_callback(void **state)
+{
+    (void)state;
+    for (int opaque = 0; opaque < 2; opaque++) {
+        struct row row;
+        make_row(&row, opaque ? GEOMETRY_OPAQUE : 0);
+        for (uint32_t accepted = 0; accepted < INSTANCES; accepted++) {
+            const struct ray ray = {
+                .origin = {-20, 0.25f, 0}, .direction = {1, 0, 0}, .tmax = FLT_MAX, .cull_mask = 0xff};
+            struct candidates candidates = {.accepted = accepted};
+            const struct traverse_options options = {.candidate = judge, .context = &candidates};
+            struct ray_hit hit;
+            if (accepted % 3 == 2)
+                continue;
+            assert_true(traverse(&row.bed.unpacked, &ray, &options, &hit, NULL));
+            assert_int_equal(hit.instance, opaque ? 0 : accepted);
+            assert_true(opaque ? candidates.count == 0 : candidates.seen >> accepted & 1);
+        }
+        finish_bed(&row.bed);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_one_level),
+        cmocka_unit_test(test_instances),
+        cmocka_unit_test(test_flags),
+        cmocka_unit_test(test_callback),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
