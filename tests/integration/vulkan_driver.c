@@ -172,7 +172,7 @@ static struct device_format device_format(void)
 
 static struct vulkan_bed_options native(uint32_t bottoms, uint32_t instances, uint32_t triangles, uint32_t named)
 {
-    return (struct vulkan_bed_options){TARGET_LAVAPIPE, device_format(), bottoms, instances, triangles, named};
+    return (struct vulkan_bed_options){TARGET_LAVAPIPE, device_format(), bottoms, instances, triangles, named, false};
 }
 
 /* Checks that a ray towards each instance hits it at the expected distance. */

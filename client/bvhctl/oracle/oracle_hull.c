@@ -54,8 +54,8 @@ static bool is_earlier(const struct oracle_hull *hull, double a, double b)
 /* Returns whether the spheres at all z are the same one. */
 static bool is_sphere(const struct oracle_hull *hull)
 {
-    return memcmp(hull->across[0], hull->across[1], sizeof hull->across[0]) == 0 &&
-           hull->along[0] == hull->along[1] && hull->radius[0] == hull->radius[1];
+    return memcmp(hull->across[0], hull->across[1], sizeof hull->across[0]) == 0 && hull->along[0] == hull->along[1] &&
+           hull->radius[0] == hull->radius[1];
 }
 
 /* Finds the best z. The ends are compared, too, because a search only comes near them. */

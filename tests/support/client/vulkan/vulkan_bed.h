@@ -18,10 +18,10 @@ struct vulkan_bed_options {
     struct device_format device;
     uint32_t bottoms, instances; /* without instances the scene is the last bottom level alone */
     uint32_t triangles; /* in each bottom level, at least 2 */
-    bool
-        has_spheres; /* the last bottom level has spheres around the triangles' corners instead; no ray is known then */
     /* how many bottom levels instances name, counted from the first; the others have no bytes; 0: all */
     uint32_t named;
+    /* the last bottom level has spheres around the triangles' corners instead; no ray is known then */
+    bool has_spheres;
 };
 
 struct vulkan_bed {

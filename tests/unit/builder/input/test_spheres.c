@@ -205,8 +205,8 @@ static void rules_are_kept(void **state)
 static void special_spheres_get_no_ref(void **state)
 {
     (void)state;
-    static float vertices[][4] = {{1, 2, 3, 0.5f},  {NAN, 0, 0, 1},       {0, 0, NAN, 1},         {0, 0, 0, NAN},
-                                  {4, 5, 6, 0},     {INFINITY, 0, 0, 1},  {0, 0, 0, INFINITY},    {1e30f, 0, 0, 1e30f},
+    static float vertices[][4] = {{1, 2, 3, 0.5f},      {NAN, 0, 0, 1},      {0, 0, NAN, 1},      {0, 0, 0, NAN},
+                                  {4, 5, 6, 0},         {INFINITY, 0, 0, 1}, {0, 0, 0, INFINITY}, {1e30f, 0, 0, 1e30f},
                                   {3e38f, 0, 0, 3e38f}, {0, 1, 0, 1e-40f}};
     enum { COUNT = sizeof vertices / sizeof *vertices };
     for (int updatable = 0; updatable < 2; updatable++) {
@@ -259,9 +259,12 @@ static void every_allocation_may_fail(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(spheres_are_copied),          cmocka_unit_test(layout_of_input_does_not_count),
-        cmocka_unit_test(strides_may_be_zero),         cmocka_unit_test(empty_geometries_are_read_nowhere),
-        cmocka_unit_test(rules_are_kept),              cmocka_unit_test(special_spheres_get_no_ref),
+        cmocka_unit_test(spheres_are_copied),
+        cmocka_unit_test(layout_of_input_does_not_count),
+        cmocka_unit_test(strides_may_be_zero),
+        cmocka_unit_test(empty_geometries_are_read_nowhere),
+        cmocka_unit_test(rules_are_kept),
+        cmocka_unit_test(special_spheres_get_no_ref),
         cmocka_unit_test(every_allocation_may_fail),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

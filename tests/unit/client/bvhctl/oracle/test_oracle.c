@@ -20,10 +20,8 @@ static struct ray make_ray(float ox, float oy, float oz, float dx, float dy, flo
 
 static struct oracle_mesh make_mesh(const float *positions, const uint32_t *indices, uint32_t triangle_count)
 {
-    return (struct oracle_mesh){.positions = positions,
-                                .indices = indices,
-                                .primitive_count = triangle_count,
-                                .instance = RAY_NO_INSTANCE};
+    return (struct oracle_mesh){
+        .positions = positions, .indices = indices, .primitive_count = triangle_count, .instance = RAY_NO_INSTANCE};
 }
 
 static struct oracle_answer ask(const struct oracle_mesh *meshes, uint32_t count, struct ray ray)
