@@ -58,6 +58,12 @@ const struct gltf_case gltf_cases[] = {
      .accessors = ",{'bufferView':1,'componentType':5123,'count':2,'type':'SCALAR'}"},
     {.name = "points beside triangles", .primitives = "{'attributes':{'POSITION':0},'mode':0},"
      "{'attributes':{'POSITION':0},'indices':1}", .kind = "points", .count = 4},
+    {.name = "points with radii", .primitives = "{'attributes':{'POSITION':0,'_RADIUS':10},'mode':0},"
+     "{'attributes':{'POSITION':0},'indices':1}", .accessors =
+     ",{'bufferView':0,'componentType':5126,'count':4,'type':'SCALAR'}", .kind = "points", .count = 4},
+    {.name = "strip with widths", .primitives = "{'attributes':{'POSITION':0,'_WIDTH':10},'mode':3},"
+     "{'attributes':{'POSITION':0},'indices':1}", .accessors =
+     ",{'bufferView':0,'componentType':5126,'count':4,'type':'SCALAR'}", .kind = "lines", .count = 3},
     {.name = "lines", .primitives = MODE(1) ",{'attributes':{'POSITION':0},'indices':1}", .kind = "lines", .count = 2},
     {.name = "line loop", .primitives = MODE(2) ",{'attributes':{'POSITION':0},'indices':1}", .kind = "lines",
      .count = 4},

@@ -98,6 +98,8 @@ const struct scene_text scene_texts[] = {
      "3 0 1 2\n",
      .counts = {.unknown_lines = 1}},
     BROKEN("point cloud", HEAD POINTS END ROWS, "point cloud of 3 vertices"),
+    BROKEN("point cloud with radii", HEAD POINTS "property float radius\n" END "0 0 0 1\n1 0 0 0\n0 1 0 2\n",
+           "point cloud of 3 vertices"),
     BROKEN("only lines", HEAD POINTS FACES END ROWS "2 0 1\n0\n", "only 0 points, 1 lines and 1 empty faces"),
     BROKEN("corner beyond the vertices", HEAD POINTS FACES END ROWS "3 0 1 2\n3 0 1 3\n",
            "corner 2 of face 1 is vertex 3, but there are only 3"),
