@@ -77,6 +77,12 @@ _Static_assert(sizeof(struct form_reference) == 144, "format");
 /* Returns the version of a block with these rows. */
 uint32_t form_version(const struct form_geometry *rows, uint32_t count);
 
+/* Returns the row of a geometry of a block that has been checked so far. */
+static inline const struct form_geometry *form_row(const struct canonical *canonical, uint32_t geometry)
+{
+    return (const struct form_geometry *)(const void *)(canonical->bytes + sizeof(struct form_header)) + geometry;
+}
+
 enum form_section { FORM_PRIMITIVES, FORM_POSITIONS };
 
 /* Returns the size in bytes of a geometry's array in one section; 0 when it has none. */

@@ -268,16 +268,21 @@ static enum bvhd_status check_contents(const struct canonical_geometry *geometry
     return BVHD_OK;
 }
 
+static bool has_one_vertex(const struct canonical_geometry *geometry)
+{
+    return geometry->vertex_count == 2 &&
+           memcmp(geometry->positions, geometry->positions + 4, 4 * sizeof *geometry->positions) == 0;
+}
+
 /*
- * Returns whether the caps are what one of the modes gives: none anywhere, both everywhere, or those of chains. With
- * strides of 0 both vertices are equal, and nobody knows any more which primitives continued a chain; the first does
- * not.
+ * Returns whether the caps are what the modes give, or one of them where they are not recorded: none anywhere, both
+ * everywhere, or those of chains. With strides of 0 both vertices are equal, and nobody knows any more which primitives
+ * continued a chain; the first does not.
  */
-static bool caps_are_sound(const struct canonical_geometry *geometry)
+static bool caps_are_sound(const struct canonical_geometry *geometry, const struct form_geometry *row)
 {
     const uint32_t *indices = geometry->indices;
-    const bool is_one_vertex =
-        geometry->vertex_count == 2 && memcmp(geometry->positions, geometry->positions + 4, 4 * sizeof(float)) == 0;
+    const bool is_one_vertex = has_one_vertex(geometry);
     bool none = true, both = true, chains = true;
     for (uint32_t i = 0; i < geometry->primitive_count; i++) {
         const uint32_t caps = indices[i] & ~CANONICAL_END_MASK, end = indices[i] & CANONICAL_END_MASK;
@@ -287,7 +292,21 @@ static bool caps_are_sound(const struct canonical_geometry *geometry)
         chains &= caps == (continues ? CANONICAL_CAP_SECOND : both_caps) ||
                   (is_one_vertex && i > 0 && caps == CANONICAL_CAP_SECOND);
     }
-    return none || both || chains;
+    if (row->update == 0)
+        return none || both || chains;
+    return !(row->swept_modes & FORM_SWEPT_CHAINED) ? none : row->swept_modes & FORM_SWEPT_SUCCESSIVE ? chains : both;
+}
+
+/* Returns whether these can be the ends of a list, if they are recorded as such. */
+static bool list_is_sound(const struct canonical_geometry *geometry, const struct form_geometry *row)
+{
+    const uint64_t pairs = (uint64_t)2 * geometry->primitive_count;
+    if (row->update == 0 || (row->swept_modes & FORM_SWEPT_SUCCESSIVE))
+        return true;
+    bool in_order = geometry->vertex_count == pairs;
+    for (uint32_t i = 0; row->index_type == INDEX_NONE && in_order && i < geometry->primitive_count; i++)
+        in_order = (geometry->indices[i] & CANONICAL_END_MASK) == 2 * i;
+    return row->index_type == INDEX_NONE ? in_order || has_one_vertex(geometry) : geometry->vertex_count <= pairs;
 }
 
 static enum bvhd_status check_foreign(const struct canonical *canonical, uint32_t index, struct bvhd_error *error)
@@ -307,7 +326,11 @@ static enum bvhd_status check_foreign(const struct canonical *canonical, uint32_
         return form_corrupt_row(error, index, "vertexCount", "not the highest index plus two");
     if (lowest != 0)
         return form_corrupt_row(error, index, "indices", "they do not start at 0");
-    return caps_are_sound(geometry) ? BVHD_OK : form_corrupt_row(error, index, "indices", "caps that no mode gives");
+    if (!list_is_sound(geometry, form_row(canonical, index)))
+        return form_corrupt_row(error, index, "indices", "ends that no list has");
+    return caps_are_sound(geometry, form_row(canonical, index))
+               ? BVHD_OK
+               : form_corrupt_row(error, index, "indices", "caps that no mode gives");
 }
 
 static struct classification look(const struct canonical *canonical, const struct canonical_geometry *geometry,

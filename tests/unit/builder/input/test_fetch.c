@@ -301,6 +301,7 @@ static unsigned try_many(struct random *random, unsigned rounds, enum contents c
     for (unsigned round = 0; round < rounds; round++) {
         struct geometry geometries[3];
         struct build_input input = {.type = STRUCTURE_BOTTOM,
+                                    .flags = round % 2 ? BUILD_ALLOW_UPDATE : 0,
                                     .geometry_count = (uint32_t)below(random, 4),
                                     .geometries = geometries,
                                     .options.target = TARGET_PORTABLE};

@@ -311,6 +311,14 @@ static void places_are_named(void **state)
     reason(UPDATABLE_SWEPT, 64 + 60, 4, BVHD_CORRUPT, "geometries[0].update");
     reason(UPDATABLE_SWEPT, 64 + 44, 1, BVHD_CORRUPT, "geometries[0].update");
     reason(UPDATABLE_SWEPT, 128 + 52, 1, BVHD_CORRUPT, "geometries[1].update");
+    /* other modes of indices and caps than those recorded */
+    reason(UPDATABLE_SWEPT, 64 + 60, 0, BVHD_CORRUPT, "geometries[0].indices");
+    reason(UPDATABLE_SWEPT, 64 + 60, 1, BVHD_CORRUPT, "geometries[0].indices");
+    reason(UPDATABLE_SWEPT, 64 + 60, 2, BVHD_CORRUPT, "geometries[0].indices");
+    reason(GATHERED, 64 + 60, 0, BVHD_CORRUPT, "geometries[0].indices");
+    /* no list without indices */
+    reason(UPDATABLE_SWEPT, 192 + 32, 1, BVHD_CORRUPT, "geometries[1].indices");
+    reason(UPDATABLE_SWEPT, 192 + 32 + 4, 0, BVHD_CORRUPT, "geometries[1].indices");
     /* SUCCESSIVE without indices */
     reason(UPDATABLE_SWEPT, 128 + 60, 1, BVHD_CORRUPT, "geometries[1].update");
     /* not indexed */
