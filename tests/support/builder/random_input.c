@@ -77,16 +77,18 @@ static uint32_t random_count(struct random *random, uint32_t most)
     return (uint32_t)exp(random_between(random, 0, log(most + 1.0)));
 }
 
-static void fill(struct random_input *ret_input, struct random *random, uint32_t most, const struct random_kind *kind)
+static void fill(struct random_input *ret_input, struct random *random, uint32_t most, const struct random_kind *kind,
+                 bool is_calm)
 {
     start(ret_input, random, kind);
+    ret_input->is_calm = is_calm;
     for (uint32_t i = 0; i < ret_input->input.geometry_count; i++)
         kind->make(ret_input, i, random_count(random, most / ret_input->input.geometry_count), random);
 }
 
 void random_input_triangles(struct random_input *ret_input, struct random *random, uint32_t most)
 {
-    fill(ret_input, random, most, &random_triangles);
+    fill(ret_input, random, most, &random_triangles, false);
 }
 
 void random_input_bottom(struct random_input *ret_input, struct random *random, uint32_t most)
@@ -97,7 +99,7 @@ void random_input_bottom(struct random_input *ret_input, struct random *random, 
 void random_input_bottom_of(struct random_input *ret_input, struct random *random, uint32_t most,
                             enum random_choice choice)
 {
-    fill(ret_input, random, most, random_kind_any(choice, random));
+    fill(ret_input, random, most, random_kind_any(choice, random), choice == RANDOM_ALL);
 }
 
 struct oracle_mesh random_input_mesh(const struct random_input *input, uint32_t geometry)

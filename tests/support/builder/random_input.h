@@ -40,6 +40,7 @@ struct random_plan;
 
 struct random_input {
     struct build_input input;
+    bool is_calm; /* its sizes differ little, as in requests of all kinds */
     const struct random_kind *kind; /* of all its geometries */
     struct geometry geometries[RANDOM_INPUT_GEOMETRIES];
     struct random_meaning meanings[RANDOM_INPUT_GEOMETRIES];

@@ -45,8 +45,13 @@ struct random_plan {
 static void make_vertices(struct random_input *input, struct random_plan *plan, struct random *random,
                           struct geometry *geometry)
 {
-    bool wide = plan->format->component == FLOAT || plan->format->component == DOUBLE;
+    bool wide = !input->is_calm && (plan->format->component == FLOAT || plan->format->component == DOUBLE);
     struct random_manner manner = random_manner_make(random, wide);
+    if (input->is_calm) { /* no rows of vertices on one line either */
+        manner.noise = 0;
+        manner.size = fmax(manner.size, 0.03);
+        manner.width = plan->format->read < 3 ? 0 : manner.width;
+    }
     uint64_t element = random_format_read_size(plan->format);
     uint64_t last = plan->first_vertex + (plan->vertex_count ? plan->vertex_count - 1 : 0);
     uint64_t base = geometry->triangles.index_type == INDEX_NONE ? plan->offset : 0;
