@@ -4,9 +4,9 @@
  *
  * Every byte that the description's struct bytes point to is read at most once, so a caller who writes to that memory
  * during the build harms only its own result: the bytes that were read are the ones that are validated, hashed and
- * built. (The description itself, with its tables of geometries and references, must not change during the call.) The rules are checked in this order: validate_input; indices against
- * maxVertex (VUIDs 10774 and 10775) and against the bytes given; instance references against the table (VUID 03779);
- * validate_canonical.
+ * built. (The description itself, with its tables of geometries and references, must not change during the call.) The
+ * rules are checked in this order: validate_input; indices against maxVertex (VUIDs 10774 and 10775) and against the
+ * bytes given; instance references against the table (VUID 03779); validate_canonical.
  *
  * The copy is normalised, beyond what canonical.h says: strides of 0, of vertices and of radii if there are any, keep
  * one vertex (two equal ones of linear swept spheres), whatever the indices are; the pairs of a list of linear swept
