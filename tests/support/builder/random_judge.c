@@ -5,6 +5,7 @@
 #include <math.h>
 #include <stdlib.h>
 
+#include "builder/traverse/traverse_group.h"
 #include "client/bvhctl/oracle/rays.h"
 #include "tests/support/builder/box_judge.h"
 #include "tests/support/builder/random_kind.h"
@@ -143,6 +144,22 @@ static void judge_ray(struct random_run *run, const struct scene *scene, const s
         check_variants(run, scene, ray, is_hit, &hit);
 }
 
+/* Rays that are traced in groups find what each of them finds alone. */
+static void check_groups(struct random_run *run, const struct scene *scene, const struct ray rays[RAYS])
+{
+    struct traverse_stream stream = {.scene = scene};
+    for (uint32_t begin = 0; begin < RAYS; begin += TRAVERSE_GROUP) {
+        const uint32_t count = RAYS - begin < TRAVERSE_GROUP ? RAYS - begin : TRAVERSE_GROUP;
+        struct ray_hit hits[TRAVERSE_GROUP], alone;
+        const uint64_t are_hits = traverse_group(&stream, rays + begin, count, hits);
+        for (uint32_t i = 0; i < count; i++) {
+            const bool is_hit = traverse(scene, &rays[begin + i], NULL, &alone, NULL);
+            if (is_hit != (bool)(are_hits >> i & 1) || (is_hit && !hits_equal(&hits[i], &alone)))
+                random_run_fail(run, "ray %u finds something else in a group", begin + i);
+        }
+    }
+}
+
 static void judge_rays(struct random_run *run, const struct scene *scene, const struct oracle_mesh *meshes,
                        uint32_t mesh_count, struct ray rays[RAYS])
 {
@@ -158,6 +175,7 @@ static void judge_rays(struct random_run *run, const struct scene *scene, const 
     for (uint32_t i = 0; i < RAYS; i++)
         judge_ray(run, scene, &rays[i], &answers[i]);
     oracle_finish(answers, RAYS, &run->memory);
+    check_groups(run, scene, rays);
 }
 
 static bool same_position(float a, float b, bool moved)
