@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* test_rays.c - tests that test rays are reproducible, aim at triangles, and work at any magnitude. */
+/* test_rays.c - tests that test rays are reproducible, aim at primitives, and work at any magnitude. */
 #include "tests/support/unit.h"
 
 #include <float.h>
@@ -212,6 +212,42 @@ static void rays_come_near_where_an_ulp_would_miss(void **state)
     assert_true(hits >= RAYS / 2 * 98 / 100);
 }
 
+/* Chains of swept spheres, of which some ends have no radius, and spheres. */
+static void round_shapes_are_aimed_at(void **state)
+{
+    (void)state;
+    enum { COUNT = 40 };
+    static const double scales[] = {1, 1e-19, 1e30};
+    static const float matrix[12] = {0.5f, 0.25f, 0, 3, -1, 2, 0.5f, 0, 0, 0.125f, 0.75f, -2};
+    uint64_t random = 5;
+    for (int round = 0; round < 12; round++) {
+        const double scale = scales[round % 3];
+        float centres[2 * COUNT][3], radii[2 * COUNT];
+        struct oracle_mesh mesh = {.shape = round % 2 ? ORACLE_SPHERES : ORACLE_SWEPT_SPHERES,
+                                   .positions = centres[0],
+                                   .radii = radii,
+                                   .primitive_count = COUNT,
+                                   .transform = round % 3 == 0 && round > 5 ? matrix : NULL};
+        struct ray rays[RAYS];
+        struct oracle_answer answers[RAYS];
+        struct memory memory;
+        int hits = 0;
+        for (int k = 0; k < 2 * COUNT; k++) {
+            for (int axis = 0; axis < 3; axis++)
+                centres[k][axis] = (float)(scale * (2 * rays_uniform(&random) - 1));
+            radii[k] = k % 7 == 0 ? 0 : (float)(scale * 0.05 * (0.1 + rays_uniform(&random)));
+        }
+        memory_init(&memory, UINT64_MAX);
+        rays_make(&mesh, 1, 3, RAYS, rays);
+        assert_int_equal(oracle_trace(&mesh, 1, rays, RAYS, &memory, &parallel_serial, NULL, NULL, answers, NULL),
+                         BVHD_OK);
+        for (int k = 0; k < RAYS; k += 2)
+            hits += answers[k].outcome == ORACLE_HIT;
+        assert_true(hits >= RAYS / 2 * 98 / 100);
+        oracle_finish(answers, RAYS, &memory);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -222,6 +258,7 @@ int main(void)
         cmocka_unit_test(unusable_triangles_are_not_aimed_at),
         cmocka_unit_test(instances_are_aimed_at_where_they_stand),
         cmocka_unit_test(rays_come_near_where_an_ulp_would_miss),
+        cmocka_unit_test(round_shapes_are_aimed_at),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
