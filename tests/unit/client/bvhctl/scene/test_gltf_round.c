@@ -205,6 +205,24 @@ static void colours_move_along(void **state)
     finish(&import, &memory);
 }
 
+/* Morph targets move the vertices before they are ordered. The target has the positions themselves. */
+static void moments_move_them(void **state)
+{
+    const struct import_moment moment = {.time = 1};
+    struct import_wish wish = both;
+    struct memory memory;
+    struct import import;
+    (void)state;
+    wish.moment = &moment;
+    read_file("{'attributes':{'POSITION':0,'_RADIUS':1},'mode':1,'indices':4,'targets':[{'POSITION':0}]}],'weights':[2",
+              &wish, &memory, &import);
+    const struct import_mesh *mesh = &import.meshes[0];
+    assert_int_equal(mesh->vertex_count, 3);
+    assert_true(mesh->positions[0] == 9 && mesh->positions[3] == 3 && mesh->positions[6] == 6);
+    assert_true(mesh->radii[0] == 4 && mesh->radii[1] == 2 && mesh->radii[2] == 3);
+    finish(&import, &memory);
+}
+
 /* The reader in a process of its own passes radii and caps on. */
 static void other_processes_pass_them_on(void **state)
 {
@@ -296,6 +314,7 @@ int main(void)
         cmocka_unit_test(radii_are_read),
         cmocka_unit_test(shapes_have_bottom_levels),
         cmocka_unit_test(colours_move_along),
+        cmocka_unit_test(moments_move_them),
         cmocka_unit_test(other_processes_pass_them_on),
         cmocka_unit_test(wrong_files_are_refused),
         cmocka_unit_test(without_the_options_they_are_named),
