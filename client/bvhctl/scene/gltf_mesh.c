@@ -152,8 +152,6 @@ static enum bvhd_status read_round(const struct primitive *primitive, enum impor
     mesh->shape = shape;
     mesh->counts.incomplete += shape == IMPORT_LINES &&
                                (primitive->mode == GLTF_LINES ? primitive->corners % 2 != 0 : primitive->corners == 1);
-    if (count > INT32_MAX)
-        return gltf_refuse(file, BVHD_UNSUPPORTED, &primitive->value, "more than %u points or lines", INT32_MAX);
     mesh->indices = memory_array(file->memory, (uint64_t)count + 1, 2 * sizeof *mesh->indices);
     if (!mesh->indices)
         return gltf_no_memory(file);

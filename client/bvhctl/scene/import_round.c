@@ -97,9 +97,10 @@ bool import_round_order(struct import_mesh *mesh, struct memory *memory)
     if (mesh->shape == IMPORT_LINES)
         mesh->caps = memory_alloc(memory, (uint64_t)mesh->primitive_count + 1);
     bool ok = old && (mesh->caps || mesh->shape != IMPORT_LINES);
-    uint32_t count = ok ? (uint32_t)number_vertices(mesh, old) : 0;
-    ok = ok && gather(&mesh->positions, 3, old, count, memory) && gather(&mesh->radii, 1, old, count, memory) &&
-         gather(&mesh->look.colours, 4, old, count, memory);
+    uint64_t wanted = ok ? number_vertices(mesh, old) : 0;
+    uint32_t count = (uint32_t)wanted;
+    ok = ok && wanted == count && gather(&mesh->positions, 3, old, count, memory) &&
+         gather(&mesh->radii, 1, old, count, memory) && gather(&mesh->look.colours, 4, old, count, memory);
     drop(&mesh->look.normals, memory);
     drop(&mesh->look.texcoords, memory);
     mesh->look.has_image = false;

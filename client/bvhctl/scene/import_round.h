@@ -38,7 +38,8 @@ bool import_round_find_wrong(const float *radii, uint32_t count, uint32_t *ret_v
  * vertex to the next one, which is also the first end of the next line if both have the same vertex there. So strips
  * become chains, whatever their indices were. Vertices that are not used are dropped, and those that several points or
  * chains use are repeated. Radii and vertex colours move along; normals and texture coordinates are dropped. The caps
- * of lines are found: those of a chain. Does nothing to meshes of triangles. Returns false when there is no memory.
+ * of lines are found: those of a chain. Does nothing to meshes of triangles. Returns false when there is no memory, or
+ * for more than 2^32 - 1 vertices.
  */
 bool import_round_order(struct import_mesh *mesh, struct memory *memory);
 

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include <cjson/cJSON.h>
+#include <float.h>
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -129,10 +130,9 @@ static enum bvhd_status read_radius(const struct manifest_reader *reader, const 
     const cJSON *radius = cJSON_GetObjectItemCaseSensitive(radii, member);
     if (!radius)
         return BVHD_OK;
-    if (!cJSON_IsNumber(radius) || !isfinite((float)radius->valuedouble) || !((float)radius->valuedouble > 0))
-        return corrupt(reader, "source_radii", "a radius that is not a positive number");
-    *ret_radius = (float)radius->valuedouble;
-    return BVHD_OK;
+    double value = cJSON_IsNumber(radius) ? radius->valuedouble : 0;
+    *ret_radius = value <= (double)FLT_MAX ? (float)value : 0;
+    return *ret_radius > 0 ? BVHD_OK : corrupt(reader, "source_radii", "a radius that is not a positive number");
 }
 
 static enum bvhd_status read_radii(const struct manifest_reader *reader, const cJSON *object,

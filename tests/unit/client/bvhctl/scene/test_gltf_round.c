@@ -37,7 +37,8 @@ static void places(void **state)
 
 /*
  * The bytes of the files: four positions (accessor 0), radii 1 to 4 (1), widths (2), radii as bytes that are normalized
- * (3), indices (4), one negative radius (5), one that is NaN (6), three radii (7), colours (8), an infinite one (9).
+ * (3), indices (4), one negative radius (5), one that is NaN (6), three radii (7), colours (8), an infinite one (9),
+ * three indices (10), one index (11), radii as integers of 32 bits (12), radii of which a sparse one is beyond (13).
  */
 struct bin {
     float positions[4][3], radii[4], widths[4], negative[4], nan[4], infinite[4], colours[4][4];
@@ -73,9 +74,16 @@ static size_t write_file(const char *primitives, const char *nodes)
         {offsetof(struct bin, radii), 12, "'componentType':5126,'count':3,'type':'SCALAR'"},
         {offsetof(struct bin, colours), sizeof bin.colours, "'componentType':5126,'count':4,'type':'VEC4'"},
         {offsetof(struct bin, infinite), sizeof bin.infinite, "'componentType':5126,'count':4,'type':'SCALAR'"},
+        {offsetof(struct bin, indices), 8, "'componentType':5123,'count':3,'type':'SCALAR'"},
+        {offsetof(struct bin, indices), 8, "'componentType':5123,'count':1,'type':'SCALAR'"},
+        {offsetof(struct bin, radii), 16, "'componentType':5125,'count':4,'type':'SCALAR'"},
+        {offsetof(struct bin, radii), 16,
+         "'componentType':5126,'count':4,'type':'SCALAR','sparse':{'count':2,'indices':{'bufferView':3,"
+         "'componentType':5121},'values':{'bufferView':1}}"},
     };
     size_t used = (size_t)snprintf(json, sizeof json,
                                    "{'asset':{'version':'2.0'},'scenes':[{'nodes':[0]}],'nodes':[%s],"
+                                   "'materials':[{'pbrMetallicRoughness':{'baseColorTexture':{'index':0}}}],"
                                    "'meshes':[{'name':'m','primitives':[%s]}],'buffers':[{'byteLength':%zu}],"
                                    "'bufferViews':[",
                                    nodes, primitives, sizeof bin);
@@ -191,15 +199,54 @@ static void shapes_have_bottom_levels(void **state)
     }
 }
 
+static void corners_that_are_left_over(void **state)
+{
+    static const struct {
+        const char *primitives;
+        uint32_t lines;
+        uint64_t incomplete;
+    } cases[] = {{"{" ALL ",'mode':1,'indices':10}", 1, 1},
+                 {"{" ALL ",'mode':3,'indices':11},{" ALL ",'mode':0}", 0, 1},
+                 {"{" ALL ",'mode':2,'indices':11},{" ALL ",'mode':0}", 0, 1},
+                 {"{" ALL ",'mode':0,'indices':11}", 0, 0}};
+    (void)state;
+    for (size_t c = 0; c < sizeof cases / sizeof *cases; c++) {
+        struct memory memory;
+        struct import import;
+        read_file(cases[c].primitives, &both, &memory, &import);
+        assert_int_equal(import.line_count, cases[c].lines);
+        assert_int_equal(import.counts.incomplete, cases[c].incomplete);
+        finish(&import, &memory);
+    }
+}
+
+static void bottom_levels_have_names(void **state)
+{
+    static const char *const nodes[] = {"{'mesh':0}", "{'name':'','mesh':0}", "{'name':'n','mesh':0}"};
+    static const char *const names[] = {"nodes[0]-points", "nodes[0]-points", "n-points"};
+    (void)state;
+    for (size_t c = 0; c < sizeof nodes / sizeof *nodes; c++) {
+        struct memory memory;
+        struct import import;
+        struct bvhd_error error = {0};
+        write_file("{" ALL ",'mode':0},{" ALL ",'mode':3}", nodes[c]);
+        memory_init(&memory, UINT64_MAX);
+        assert_int_equal(import_read_as("case.glb", &both, &memory, &import, &error), BVHD_OK);
+        assert_string_equal(import.bottoms[0].name, names[c]);
+        finish(&import, &memory);
+    }
+}
+
 static void colours_move_along(void **state)
 {
     struct memory memory;
     struct import import;
     (void)state;
-    read_file("{'attributes':{'POSITION':0,'COLOR_0':8},'mode':0,'indices':4}", &both, &memory, &import);
+    read_file("{'attributes':{'POSITION':0,'COLOR_0':8},'mode':0,'indices':4,'material':0}", &both, &memory, &import);
     const float *colours = import.meshes[0].look.colours;
     assert_non_null(colours);
-    assert_true(import.meshes[0].look.is_coloured);
+    assert_true(import.meshes[0].look.is_coloured && !import.meshes[0].look.has_image);
+    assert_int_equal(import.looks_left_out, 0); /* textures are not for points */
     assert_true(colours[0] == 1 && colours[4 + 1] == 1 && colours[8 + 1] == 1 && colours[12 + 2] == 1);
     assert_true(colours[4] == 0 && colours[12] == 0);
     finish(&import, &memory);
@@ -254,6 +301,8 @@ static void wrong_files_are_refused(void **state)
         {"{'attributes':{'POSITION':0,'_RADIUS':7},'mode':0}", "accessors[7]: _RADIUS is a SCALAR"},
         {"{'attributes':{'POSITION':0,'_RADIUS':0},'mode':0}", "accessors[0]: _RADIUS is a SCALAR"},
         {"{'attributes':{'POSITION':0,'_RADIUS':99},'mode':0}", "accessors[99]"},
+        {"{'attributes':{'POSITION':0,'_RADIUS':12},'mode':0}", "accessors[12]: _RADIUS is a SCALAR"},
+        {"{'attributes':{'POSITION':0,'_RADIUS':13},'mode':0}", "accessors[13]"},
         {"{'attributes':{'POSITION':7},'mode':0}", "positions are VEC3"},
         {"{'attributes':{'POSITION':0},'mode':0,'indices':1}", "accessors[1]"},
         {"{'attributes':{},'mode':0}", "1 primitives without positions"},
@@ -313,6 +362,8 @@ int main(void)
         cmocka_unit_test(places),
         cmocka_unit_test(radii_are_read),
         cmocka_unit_test(shapes_have_bottom_levels),
+        cmocka_unit_test(corners_that_are_left_over),
+        cmocka_unit_test(bottom_levels_have_names),
         cmocka_unit_test(colours_move_along),
         cmocka_unit_test(moments_move_them),
         cmocka_unit_test(other_processes_pass_them_on),

@@ -109,6 +109,13 @@ static void test_hostile(void **state)
         snprintf(text, sizeof text, ENTRY("\"a\"", "\"tlas\"", ",\"handles\":[],\"source_moment\":%s"), moments[i]);
         expect_corrupt(text, "structures[0].source_moment");
     }
+    static const char *const radii[] = {"{\"points\":\"1\"}", "{\"lines\":0}", "{\"points\":1,\"lines\":-1}",
+                                        "{\"points\":1e300}", "{\"lines\":1e-300}"};
+    for (size_t i = 0; i < sizeof radii / sizeof *radii; i++) {
+        char text[512];
+        snprintf(text, sizeof text, ENTRY("\"a\"", "\"tlas\"", ",\"handles\":[],\"source_radii\":%s"), radii[i]);
+        expect_corrupt(text, "structures[0].source_radii");
+    }
     expect_corrupt(ENTRY("\".\"", "\"blas\"", ""), "structures[0].file");
     expect_corrupt("{\"schema\":1,\"structures\":[{\"file\":\"a\",\"type\":\"blas\",\"scene\":\"s\",\"name\":\"n\","
                    "\"target\":\"portable\",\"geometries\":7}]}",
@@ -145,6 +152,14 @@ static void test_wish(void **state)
     assert_string_equal(wish.wish.scene, "4");
     assert_true(wish.wish.moment && wish.wish.moment->time == 2);
     assert_string_equal(wish.wish.moment->animation, "7");
+    assert_true(wish.wish.point_radius == 0 && wish.wish.line_radius == 0);
+    manifest_finish(&manifest);
+    assert_int_equal(
+        read_text(ENTRY("\"a\"", "\"tlas\"", ",\"handles\":[],\"source_radii\":{\"points\":0.5,\"lines\":0.25}"),
+                  &memory, &manifest, NULL),
+        BVHD_OK);
+    manifest_wish_init(&wish, &manifest.entries[0]);
+    assert_true(wish.wish.point_radius == 0.5f && wish.wish.line_radius == 0.25f);
     manifest_finish(&manifest);
 }
 

@@ -165,7 +165,7 @@ static void the_other_shape_is_counted(void **state)
     struct import import;
     struct bvhd_error error = {0};
     (void)state;
-    make_mixed(&file, true, NULL);
+    make_mixed(&file, true, "float");
     memory_init(&memory, UINT64_MAX);
     const struct import_wish points = {.point_radius = 1}, lines = {.line_radius = 1};
     assert_int_equal(read_file(&file, &points, &memory, &import, &error), BVHD_OK);
@@ -212,24 +212,57 @@ static void clouds_are_refused_without_the_option(void **state)
     assert_non_null(strstr(error.text, "point cloud of 1 vertices, without faces; --points RADIUS reads them"));
 }
 
-static void memory_may_be_short(void **state)
+/* Without the options radii are attributes like others, and may be anything. */
+static void radii_of_triangles_are_ignored(void **state)
+{
+    static const double radii[] = {-1, 2, 3, 4}, corners[] = {0, 1, 2};
+    struct ply_file file;
+    struct memory memory;
+    struct import import;
+    struct bvhd_error error = {0};
+    const struct import_wish nothing = {0};
+    (void)state;
+    begin(&file, 0, 4, "float");
+    ply_file_line(&file, "element face 1");
+    ply_file_line(&file, "property list uchar int vertex_indices");
+    ply_file_line(&file, "end_header");
+    put_vertices(&file, 4, "float", radii);
+    ply_file_list(&file, "uchar", "int", corners, 3);
+    ply_file_end_row(&file);
+    memory_init(&memory, UINT64_MAX);
+    assert_int_equal(read_file(&file, &nothing, &memory, &import, &error), BVHD_OK);
+    assert_null(import.meshes[0].radii);
+    finish(&import, &memory);
+}
+
+static void read_with_little_memory(const struct ply_file *file)
 {
     enum bvhd_status status = BVHD_NO_MEMORY;
-    struct ply_file file;
-    (void)state;
-    make_mixed(&file, true, "float");
     for (int after = 0; status == BVHD_NO_MEMORY; after++) {
         struct memory memory;
         struct import import;
         memory_init(&memory, UINT64_MAX);
         atomic_store(&memory.fail_after, after);
-        status = read_file(&file, &both, &memory, &import, NULL);
+        status = read_file(file, &both, &memory, &import, NULL);
         if (status == BVHD_OK)
             import_finish(&import);
         assert_int_equal(memory.live, 0);
         assert_true(after < 1000);
     }
     assert_int_equal(status, BVHD_OK);
+}
+
+static void memory_may_be_short(void **state)
+{
+    static const double radii[] = {1, 2};
+    struct ply_file file;
+    (void)state;
+    make_mixed(&file, true, "float");
+    read_with_little_memory(&file);
+    begin(&file, 0, 2, "float");
+    ply_file_line(&file, "end_header");
+    put_vertices(&file, 2, "float", radii);
+    read_with_little_memory(&file);
 }
 
 int main(void)
@@ -241,6 +274,7 @@ int main(void)
         cmocka_unit_test(the_other_shape_is_counted),
         cmocka_unit_test(wrong_radii_are_refused),
         cmocka_unit_test(clouds_are_refused_without_the_option),
+        cmocka_unit_test(radii_of_triangles_are_ignored),
         cmocka_unit_test(memory_may_be_short),
     };
     return cmocka_run_group_tests_name("ply_round", tests, NULL, NULL);
