@@ -15,6 +15,7 @@ enum { LANES = 8 };
 /* One ray through round kinds. */
 struct round_walk {
     struct avx2_walk nodes; /* without its triangles */
+    bool is_prepared; /* the state and `lanes` are prepared, which they are at the first leaf */
     struct round_lanes_ray lanes;
 };
 
@@ -88,9 +89,18 @@ BOXTEST_AVX2_INLINE bool decide(const struct round_walk *walk, const uint32_t *r
     return true;
 }
 
-BOXTEST_AVX2_INLINE bool meet_gathered(const struct round_walk *walk, struct gathered *gathered, bool is_swept)
+__attribute__((noinline)) static void prepare_lanes(struct round_walk *walk, bool is_swept)
+{
+    round_prepare(walk->nodes.state, is_swept ? MET_SWEPT_SPHERE : MET_SPHERE);
+    round_lanes_init(walk->nodes.state, is_swept, &walk->lanes);
+    walk->is_prepared = true;
+}
+
+BOXTEST_AVX2_INLINE bool meet_gathered(struct round_walk *walk, struct gathered *gathered, bool is_swept)
 {
     const struct portable_view *view = walk->nodes.view;
+    if (!walk->is_prepared)
+        prepare_lanes(walk, is_swept);
     for (unsigned at = 0; at < gathered->count; at += LANES) {
         const unsigned count = gathered->count - at < LANES ? gathered->count - at : LANES;
         uint32_t *records = &gathered->records[at];
@@ -126,8 +136,8 @@ BOXTEST_AVX2_INLINE void gather(struct gathered *gathered, uint32_t first, unsig
 }
 
 /* Tests a node and meets its leaves. Returns its inner children that the ray meets, or sets *ret_is_done. */
-BOXTEST_AVX2_INLINE unsigned enter_node(const struct round_walk *walk, uint32_t index, uint32_t near[LANES],
-                                        bool is_unpacked, bool is_swept, bool *ret_is_done)
+BOXTEST_AVX2_INLINE unsigned enter_node(struct round_walk *walk, uint32_t index, uint32_t near[LANES], bool is_unpacked,
+                                        bool is_swept, bool *ret_is_done)
 {
     const struct portable_node *node = &walk->nodes.view->nodes[index];
     const struct unpacked_node *unpacked = &walk->nodes.unpacked[is_unpacked ? index : 0];
@@ -155,7 +165,7 @@ BOXTEST_AVX2_INLINE unsigned enter_node(const struct round_walk *walk, uint32_t 
     return inner;
 }
 
-BOXTEST_AVX2_INLINE void find_closest_in(const struct round_walk *walk, bool is_unpacked, bool is_swept)
+BOXTEST_AVX2_INLINE void find_closest_in(struct round_walk *walk, bool is_unpacked, bool is_swept)
 {
     const struct avx2_walk *nodes = &walk->nodes;
     uint64_t stack[AVX2_STACK_SIZE], *top = stack, visited = 0;
@@ -180,7 +190,7 @@ BOXTEST_AVX2_INLINE void find_closest_in(const struct round_walk *walk, bool is_
 }
 
 /* Finds any hit, with the inner children farthest along the ray's octant first, as for triangles. */
-BOXTEST_AVX2_INLINE void find_any_in(const struct round_walk *walk, bool is_unpacked, bool is_swept)
+BOXTEST_AVX2_INLINE void find_any_in(struct round_walk *walk, bool is_unpacked, bool is_swept)
 {
     const struct avx2_walk *nodes = &walk->nodes;
     uint32_t stack[AVX2_STACK_SIZE], *top = stack, near[LANES];
@@ -199,7 +209,7 @@ BOXTEST_AVX2_INLINE void find_any_in(const struct round_walk *walk, bool is_unpa
     nodes->state->counters.nodes += visited;
 }
 
-BOXTEST_AVX2_INLINE void find_in(const struct round_walk *walk, bool is_unpacked, bool is_swept)
+BOXTEST_AVX2_INLINE void find_in(struct round_walk *walk, bool is_unpacked, bool is_swept)
 {
     if (walk->nodes.state->ray->flags & RAY_TERMINATE_ON_FIRST_HIT)
         find_any_in(walk, is_unpacked, is_swept);
@@ -227,21 +237,29 @@ BOXTEST_AVX2 static void find_swept_unpacked(struct round_walk *walk)
     find_in(walk, true, true);
 }
 
+/* Prepares the box tests. Outside instances the ray is one of floats, which takes less time. */
+BOXTEST_AVX2_INLINE bool prepare_boxes(const struct traverse_state *state, const float bounds[6],
+                                       struct boxtest_ray *ret_boxes)
+{
+    const struct ray *ray = state->ray;
+    if (!state->object_to_world)
+        return setup_floats(_mm_loadu_ps(ray->origin), _mm_loadu_ps(ray->direction), ray->tmin, bounds, ret_boxes);
+    return boxtest_init_avx2(state->origin, state->direction, ray->tmin, bounds, ret_boxes);
+}
+
 BOXTEST_AVX2 bool traverse_avx2_round(struct traverse_state *state, const struct portable_view *view,
                                       const struct unpacked_node *unpacked)
 {
     struct round_walk walk;
-    if (state->options->candidate ||
-        !boxtest_init_avx2(state->origin, state->direction, state->ray->tmin, view->header->bounds, &walk.nodes.boxes))
+    if (state->options->candidate || !prepare_boxes(state, view->header->bounds, &walk.nodes.boxes))
         return false;
     walk.nodes.state = state;
     walk.nodes.view = view;
     walk.nodes.unpacked = avx2_walk_can_unpack(state) ? unpacked : NULL;
     if (walk.nodes.unpacked)
         walk.nodes.scales = unpacked_scales(&walk.nodes.boxes);
+    walk.is_prepared = false;
     const bool is_swept = view->header->content == PORTABLE_SWEPT_SPHERES;
-    round_prepare(state, is_swept ? MET_SWEPT_SPHERE : MET_SPHERE);
-    round_lanes_init(state, is_swept, &walk.lanes);
     if (walk.nodes.unpacked)
         (is_swept ? find_swept_unpacked : find_spheres_unpacked)(&walk);
     else
