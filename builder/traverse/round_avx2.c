@@ -44,13 +44,13 @@ BOXTEST_AVX2_INLINE void transpose(__m256 rows[8])
     }
 }
 
-/* Loads eight spheres: four registers with one number of each. */
-BOXTEST_AVX2_INLINE void load_spheres(const float *const vertices[LANES], __m256 ret_spheres[4])
+/* Loads eight spheres, or four that get into both halves: four registers with one number of each. */
+BOXTEST_AVX2_INLINE void load_spheres(const float *const vertices[LANES], int lanes, __m256 ret_spheres[4])
 {
     __m256 rows[4], pairs[4];
     for (int k = 0; k < 4; k++)
-        rows[k] =
-            _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_loadu_ps(vertices[k])), _mm_loadu_ps(vertices[k + 4]), 1);
+        rows[k] = _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_loadu_ps(vertices[k])),
+                                       _mm_loadu_ps(vertices[k + lanes - 4]), 1);
     for (int k = 0; k < 4; k += 2) {
         pairs[k] = _mm256_unpacklo_ps(rows[k], rows[k + 1]);
         pairs[k + 1] = _mm256_unpackhi_ps(rows[k], rows[k + 1]);
@@ -96,31 +96,41 @@ __attribute__((noinline)) static void prepare_lanes(struct round_walk *walk, boo
     walk->is_prepared = true;
 }
 
-BOXTEST_AVX2_INLINE bool meet_gathered(struct round_walk *walk, struct gathered *gathered, bool is_swept)
+/* Returns those of `count` records that the ray may meet, as bits. There are at most as many as `lanes`. */
+BOXTEST_AVX2_INLINE unsigned meet_lanes(const struct round_walk *walk, const uint32_t *records, unsigned count,
+                                        int lanes, bool is_swept, float ret_near[LANES])
 {
     const struct portable_view *view = walk->nodes.view;
+    const float *vertices[LANES];
+    unsigned bits;
+    for (unsigned lane = 0; lane < (unsigned)lanes; lane++)
+        vertices[lane] = round_vertex_of(view, round_record_at(view, records[lane < count ? lane : 0]));
+    if (is_swept) {
+        __m256 ends[8];
+        for (int lane = 0; lane < lanes; lane++)
+            ends[lane] = _mm256_loadu_ps(vertices[lane]);
+        transpose(ends);
+        bits = lanes_meet_swept(&walk->lanes, ends, reach_of(walk), ret_near);
+    } else {
+        __m256 spheres[4];
+        load_spheres(vertices, lanes, spheres);
+        bits = lanes_meet_spheres(&walk->lanes, spheres, reach_of(walk), ret_near);
+    }
+    return bits & ((1u << count) - 1);
+}
+
+BOXTEST_AVX2_INLINE bool meet_gathered(struct round_walk *walk, struct gathered *gathered, bool is_swept)
+{
     if (!walk->is_prepared)
         prepare_lanes(walk, is_swept);
     for (unsigned at = 0; at < gathered->count; at += LANES) {
         const unsigned count = gathered->count - at < LANES ? gathered->count - at : LANES;
-        uint32_t *records = &gathered->records[at];
-        const float *vertices[LANES];
+        const uint32_t *records = &gathered->records[at];
         float near[LANES];
-        unsigned bits;
-        for (unsigned lane = 0; lane < LANES; lane++)
-            vertices[lane] = round_vertex_of(view, round_record_at(view, records[lane < count ? lane : 0]));
-        if (is_swept) {
-            __m256 ends[8];
-            for (unsigned lane = 0; lane < LANES; lane++)
-                ends[lane] = _mm256_loadu_ps(vertices[lane]);
-            transpose(ends);
-            bits = lanes_meet_swept(&walk->lanes, ends, reach_of(walk), near);
-        } else {
-            __m256 spheres[4];
-            load_spheres(vertices, spheres);
-            bits = lanes_meet_spheres(&walk->lanes, spheres, reach_of(walk), near);
-        }
-        bits &= (1u << count) - 1;
+        /* Most leaves have few spheres. For linear swept spheres, which are larger, another branch costs too much. */
+        const bool is_few = !is_swept && count <= LANES / 2;
+        const unsigned bits = is_few ? meet_lanes(walk, records, count, LANES / 2, false, near)
+                                     : meet_lanes(walk, records, count, LANES, is_swept, near);
         if (bits != 0 && !decide(walk, records, bits, near, is_swept))
             return false;
     }

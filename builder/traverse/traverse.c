@@ -95,18 +95,31 @@ static void visit_scene(struct traverse_walk *walk)
     }
 }
 
+/* Does the work of visit_bottom_only() for a structure of another kind than triangles. */
+static bool visit_others_only(struct traverse_walk *walk, const struct portable_view *view)
+{
+    const struct leaf_kind *kind = leaf_kind_of(view);
+    if (!kind->walk_avx2)
+        return false;
+    traverse_state_to_world(&walk->state);
+    return !traverse_state_settle(&walk->state, NULL, kind->skip_flag, false) ||
+           kind->walk_avx2(&walk->state, view, unpacked_of(walk->scene, 0));
+}
+
 /*
- * Traverses one bottom level of triangles in world space, in the fastest way. Returns false if the general way is
- * needed.
+ * Traverses one bottom level in world space, in the fastest way; most are of triangles. Returns false if the general
+ * way is needed.
  */
-static inline bool visit_triangles_only(struct traverse_walk *walk)
+static inline bool visit_bottom_only(struct traverse_walk *walk)
 {
     const struct scene *scene = walk->scene;
     if (!walk->avx2 || walk->state.options->flip_order || scene->top || scene->bottom_count == 0 || !scene->bottoms[0])
         return false;
     const struct portable_header *header = scene->bottoms[0]->header;
-    if (header->content > PORTABLE_TRIANGLES || header->node_count == 0)
+    if (header->node_count == 0)
         return false;
+    if (header->content > PORTABLE_TRIANGLES)
+        return visit_others_only(walk, scene->bottoms[0]);
     return !traverse_state_settle(&walk->state, NULL, RAY_SKIP_TRIANGLES, true) ||
            traverse_avx2_world(&walk->state, scene->bottoms[0], unpacked_of(scene, 0));
 }
@@ -161,7 +174,7 @@ bool traverse(const struct scene *scene, const struct ray *ray, const struct tra
         return false;
     traverse_walk_begin(&walk, scene);
     walk.avx2 = !walk.state.options->baseline_only && !walk.state.options->exact_only && has_avx2();
-    if (!visit_triangles_only(&walk))
+    if (!visit_bottom_only(&walk))
         visit_scene(&walk);
     return traverse_state_finish(&walk.state, ret_hit, counters);
 }
