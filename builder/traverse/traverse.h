@@ -3,11 +3,13 @@
  * traverse.h - traces rays through portable structures on the CPU. It is the reference for shaders, and `bvhctl check`
  * and `trace` use it.
  *
- * The semantics are Vulkan's (Vulkan specification, Ray Traversal). Triangles are hit for tmin < t < tmax; AABB
- * candidates are reported if the ray meets them in the closed interval. Boxes are tested conservatively (boxtest.h), in
+ * The semantics are Vulkan's (Vulkan specification, Ray Traversal). Triangles, spheres and linear swept spheres are hit
+ * for tmin < t < tmax, round ones where the ray enters them from outside; AABB candidates are reported if the ray meets
+ * them in the closed interval. Boxes are tested conservatively (boxtest.h), in
  * float, or in double for rays or structures with magnitudes outside 2^-60 .. 2^60. Triangles are decided in double
  * with exact signs (triangle.h), which is watertight: no ray slips between triangles that share an edge or a vertex,
- * and none hits twice there.
+ * and none hits twice there. Spheres and linear swept spheres are decided in double, or where that leaves signs open in
+ * twice that precision (sphere.h, swept_sphere.h); their facing does not count.
  *
  * Answers do not depend on the order of visits: of hits with equal t, to 32 significant bits, the one with the lowest
  * (instance, geometry, primitive) wins. With TERMINATE_ON_FIRST_HIT only the existence of a hit is independent of the
@@ -56,17 +58,17 @@ struct candidate_space {
 };
 
 /*
- * The any-hit callback: called for each non-opaque triangle and each AABB candidate that can still be the answer. For
- * an AABB, hit->t holds the entry distance clamped to the ray's interval, and the callback sets it if it accepts. Calls
- * come in any order and, with split references, possibly more than once for a primitive unless its geometry has
- * NO_DUPLICATE_ANY_HIT.
+ * The any-hit callback: called for each triangle, sphere or linear swept sphere that is not opaque, and each AABB
+ * candidate, that can still be the answer. For an AABB, hit->t holds the entry distance clamped to the ray's interval,
+ * and the callback sets it if it accepts. Calls come in any order and, with split references, possibly more than once
+ * for a primitive unless its geometry has NO_DUPLICATE_ANY_HIT.
  */
 typedef enum candidate_verdict (*candidate_function)(void *context, const struct ray *ray,
                                                      const struct candidate_space *space, struct ray_hit *hit);
 
 /* How to trace. All zero is the default. */
 struct traverse_options {
-    candidate_function candidate; /* NULL: triangles are accepted, and AABBs at their entry distance */
+    candidate_function candidate; /* NULL: all are accepted, AABBs at their entry distance */
     void *context;
     bool flip_order; /* visit children in the opposite order; the answers are the same */
     bool baseline_only; /* use no instructions beyond the baseline; the answers are the same */
@@ -92,7 +94,7 @@ bool traverse(const struct scene *scene, const struct ray *ray, const struct tra
  */
 void traverse_settle(struct scene *scene);
 
-/* Fetches the object-space corners of the triangle that was hit, exactly as stored. Not for AABBs. */
+/* Fetches the object-space corners of the triangle that was hit, exactly as stored. Not for other kinds. */
 void traverse_positions(const struct scene *scene, const struct ray_hit *hit, float ret_corners[3][3]);
 
 #endif

@@ -21,7 +21,7 @@ struct traverse_walk {
     bool avx2; /* the machine has AVX2, and the caller does not forbid it */
 };
 
-/* Finds the geometry and the primitive of a triangle or an AABB; the state is that of a walk. */
+/* Finds the geometry and the primitive of an id in a bottom level; the state is that of a walk. */
 void traverse_walk_identify(const struct traverse_state *state, uint32_t bottom, uint64_t id, uint32_t *ret_geometry,
                             uint32_t *ret_primitive);
 
