@@ -15,8 +15,8 @@ struct round_ray {
     double tmin; /* where the ray begins, along `direction`; hits before that need not be reported */
 };
 
-/* The largest relative error of the distance at which a ray enters. */
-static const double round_distance_error = 0x1p-41;
+/* The largest relative error of the distance at which a ray enters. The box tests allow for it (boxtest.h). */
+static const double round_distance_error = 0x1p-43;
 
 /* Returns a power of two by which a positive number is divided to be in [0.5, 1), or nearly so if it is extreme. */
 static inline double round_ray_scale(double size)
