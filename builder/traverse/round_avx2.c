@@ -150,7 +150,7 @@ BOXTEST_AVX2_INLINE unsigned enter_node(struct round_walk *walk, uint32_t index,
                                         bool is_swept, bool *ret_is_done)
 {
     const struct portable_node *node = &walk->nodes.view->nodes[index];
-    const struct unpacked_node *unpacked = &walk->nodes.unpacked[is_unpacked ? index : 0];
+    const struct unpacked_node *unpacked = is_unpacked ? &walk->nodes.unpacked[index] : NULL;
     struct gathered gathered;
     unsigned hits, inner;
     gathered.count = 0;
