@@ -13,6 +13,8 @@
  * inactive instance. Spheres: four floats a vertex, its centre and its radius; indices are u32 (one a sphere) or absent
  * (sphere i is vertex i). Linear swept spheres: the same vertices, and one u32 each, the number of its first end, whose
  * successor is its second end, with the bits CANONICAL_CAP_FIRST and CANONICAL_CAP_SECOND for the ends that have a cap.
+ * Motion triangles: as triangles, and behind all positions of t = 0 those of t = 1. Motion instances: 160-byte records as
+ * in Vulkan, whose reference is the 1-based row, and whose unused bytes and flags are 0.
  */
 #ifndef BVHD_CANONICAL_H
 #define BVHD_CANONICAL_H
@@ -36,6 +38,8 @@ struct canonical_geometry {
     uint32_t first_primitive; /* sum of primitive_count over the previous geometries: the flat id of its primitive 0 */
     uint32_t vertex_count; /* 0 for kinds without vertices */
     uint32_t first_vertex; /* sum of vertex_count over the previous geometries */
+    /* motion triangles: the positions at t = 1, vertex_count * 3; NULL: the vertices do not move */
+    const float *end_positions;
     const float *positions; /* triangles: vertex_count * 3; spheres and linear swept spheres: vertex_count * 4 */
     /*
      * triangles: primitive_count * 3 indices, each < vertex_count; NULL: vertex_count = 3 * primitive_count. Spheres:
@@ -44,7 +48,7 @@ struct canonical_geometry {
      */
     const uint32_t *indices;
     const float *boxes; /* AABBs: primitive_count * 6 */
-    const unsigned char *instances; /* instances: primitive_count * 64 bytes */
+    const unsigned char *instances; /* instances: primitive_count * 64 bytes; motion instances: * 160 */
 };
 
 /* One row of the reference table: a bottom-level structure that instances name. */

@@ -52,9 +52,11 @@ enum portable_content {
     PORTABLE_INSTANCES = 3,
     PORTABLE_SPHERES = 4, /* this and the next one since version 2 */
     PORTABLE_SWEPT_SPHERES = 5,
+    PORTABLE_MOVING_TRIANGLES = 6,
+    PORTABLE_MOVING_INSTANCES = 7,
 };
 
-enum { PORTABLE_CONTENTS = PORTABLE_SWEPT_SPHERES + 1 }; /* the number of contents; larger ones are unknown */
+enum { PORTABLE_CONTENTS = PORTABLE_MOVING_INSTANCES + 1 }; /* the number of contents; larger ones are unknown */
 
 enum { PORTABLE_MAGIC = 0x42485642 }; /* "BVHB" */
 
@@ -103,6 +105,25 @@ struct portable_node {
     uint8_t meta[8];
     uint8_t lo[3][8];
     uint8_t hi[3][8];
+};
+
+/*
+ * One node of a structure that moves. The first part is a node whose boxes are those of t = 0, on a grid that holds the
+ * boxes of t = 1, too; these follow. A child's box at time t lies in (1 - t) times its box of t = 0 plus t times that of
+ * t = 1, up to what a reader's arithmetic rounds.
+ */
+struct portable_moving_node {
+    struct portable_node start;
+    uint8_t end_lo[3][8];
+    uint8_t end_hi[3][8];
+};
+
+/*
+ * A vertex of motion triangles, whose records are struct portable_indexed_triangle. Its place at time t is, in float and
+ * rounded after each operation, start * (1 - t) + end * t; triangles that share a vertex so agree about it.
+ */
+struct portable_moving_vertex {
+    float start[3], end[3];
 };
 
 /*
@@ -161,6 +182,25 @@ static inline unsigned portable_round_caps(uint32_t id)
 {
     return id >> 29 & 3;
 }
+
+/*
+ * An instance of a structure that moves. MOTION_STATIC: start is a row-major 3x4 matrix, and end equals it.
+ * MOTION_MATRIX: such matrices at t = 0 and t = 1; each number at time t is computed as those of vertices. MOTION_SRT: the
+ * 16 numbers of VkSRTDataNV at t = 0 and t = 1, each as those of vertices; the quaternion counts as divided by its length.
+ * Numbers that a type does not use are 0.
+ */
+struct portable_moving_instance {
+    uint32_t motion; /* MOTION_ */
+    uint32_t custom_and_mask; /* this and the next three as in struct portable_instance */
+    uint32_t sbt_and_flags;
+    uint32_t instance;
+    uint32_t handle;
+    uint32_t reserved[3]; /* 0 */
+    float start[16], end[16];
+};
+
+_Static_assert(sizeof(struct portable_moving_node) == 128 && sizeof(struct portable_moving_vertex) == 24, "layout");
+_Static_assert(sizeof(struct portable_moving_instance) == 160, "layout");
 
 /* A geometry covers the flat ids first_primitive .. first_primitive + primitive_count - 1. */
 struct portable_geometry {

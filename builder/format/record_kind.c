@@ -8,6 +8,8 @@ const struct record_kind *const record_kinds[PORTABLE_CONTENTS] = {
     [PORTABLE_INSTANCES] = &record_instances,
     [PORTABLE_SPHERES] = &record_spheres,
     [PORTABLE_SWEPT_SPHERES] = &record_swept_spheres,
+    [PORTABLE_MOVING_TRIANGLES] = &record_moving_triangles,
+    [PORTABLE_MOVING_INSTANCES] = &record_moving_instances,
 };
 
 /* Several contents may hold one type of geometry: the content that needs no flag comes first. */

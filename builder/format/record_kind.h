@@ -54,7 +54,7 @@ struct record_kind {
 };
 
 extern const struct record_kind record_indexed_triangles, record_triangles, record_aabbs, record_instances,
-    record_spheres, record_swept_spheres;
+    record_spheres, record_swept_spheres, record_moving_triangles, record_moving_instances;
 
 /* The rows by enum portable_content. */
 extern const struct record_kind *const record_kinds[PORTABLE_CONTENTS];

@@ -22,14 +22,19 @@
 /* VkAccelerationStructureTypeKHR */
 enum { STRUCTURE_TOP = 0, STRUCTURE_BOTTOM = 1, STRUCTURE_GENERIC = 2 };
 
-/* VkGeometryTypeKHR */
+/* VkGeometryTypeKHR, and two types of bvhd's own: of geometry that moves, which Vulkan says elsewhere */
 enum {
     GEOMETRY_TRIANGLES = 0,
     GEOMETRY_AABBS = 1,
     GEOMETRY_INSTANCES = 2,
     GEOMETRY_SPHERES = 1000429004,
     GEOMETRY_SWEPT_SPHERES = 1000429005, /* Vulkan: LINEAR_SWEPT_SPHERES_NV */
+    GEOMETRY_MOVING_TRIANGLES = 0x40000000, /* TRIANGLES with VkAccelerationStructureGeometryMotionTrianglesDataNV */
+    GEOMETRY_MOVING_INSTANCES = 0x40000002, /* INSTANCES of a build with BUILD_MOTION */
 };
+
+/* VkAccelerationStructureMotionInstanceTypeNV */
+enum { MOTION_STATIC = 0, MOTION_MATRIX = 1, MOTION_SRT = 2 };
 
 /* VkGeometryFlagBitsKHR */
 enum { GEOMETRY_OPAQUE = 1, GEOMETRY_NO_DUPLICATE_ANY_HIT = 2 };
@@ -53,6 +58,7 @@ enum {
     BUILD_PREFER_FAST_TRACE = 0x4,
     BUILD_PREFER_FAST_BUILD = 0x8,
     BUILD_LOW_MEMORY = 0x10,
+    BUILD_MOTION = 0x20,
     BUILD_ALLOW_DATA_ACCESS = 0x800,
 };
 
@@ -81,6 +87,8 @@ struct geometry_triangles {
     struct bytes vertices;
     struct bytes indices; /* ignored if index_type is INDEX_NONE */
     struct bytes transform; /* a row-major 3x4 float matrix at range.transform_offset; data NULL: no transform */
+    /* GEOMETRY_MOVING_TRIANGLES: the vertices at t = 1, while `vertices` has those at t = 0; both move in lines */
+    struct bytes end_vertices;
 };
 
 /* VkAccelerationStructureGeometryAabbsDataKHR: six floats per box, minimum then maximum */
@@ -113,8 +121,8 @@ struct geometry_swept_spheres {
 };
 
 /*
- * VkAccelerationStructureGeometryInstancesDataKHR: an array of 64-byte records. Arrays of pointers are gathered into
- * records before.
+ * VkAccelerationStructureGeometryInstancesDataKHR: an array of 64-byte records, of GEOMETRY_MOVING_INSTANCES of 160-byte
+ * ones, each a VkAccelerationStructureMotionInstanceNV of 152 bytes. Arrays of pointers are gathered into records before.
  */
 struct geometry_instances {
     struct bytes records;

@@ -8,9 +8,13 @@
 const struct kind *kind_find(uint32_t type)
 {
     static const struct kind *const kinds[KIND_COUNT] = {
-        [KIND_TRIANGLES] = &kind_triangles,         [KIND_AABBS] = &kind_aabbs,
-        [KIND_INSTANCES] = &kind_instances,         [KIND_SPHERES] = &kind_spheres,
+        [KIND_TRIANGLES] = &kind_triangles,
+        [KIND_AABBS] = &kind_aabbs,
+        [KIND_INSTANCES] = &kind_instances,
+        [KIND_SPHERES] = &kind_spheres,
         [KIND_SWEPT_SPHERES] = &kind_swept_spheres,
+        [KIND_MOVING_TRIANGLES] = &kind_moving_triangles,
+        [KIND_MOVING_INSTANCES] = &kind_moving_instances,
     };
     for (int i = 0; i < KIND_COUNT; i++)
         if (kinds[i]->type == type)

@@ -15,10 +15,21 @@
 struct validate_subject;
 
 /* The kinds of geometry, numbered without gaps, which Vulkan's numbers are not. */
-enum kind_number { KIND_TRIANGLES, KIND_AABBS, KIND_INSTANCES, KIND_SPHERES, KIND_SWEPT_SPHERES, KIND_COUNT };
+enum kind_number {
+    KIND_TRIANGLES,
+    KIND_AABBS,
+    KIND_INSTANCES,
+    KIND_SPHERES,
+    KIND_SWEPT_SPHERES,
+    KIND_MOVING_TRIANGLES,
+    KIND_MOVING_INSTANCES,
+    KIND_COUNT
+};
 
 struct kind {
     uint32_t type; /* GEOMETRY_ */
+    uint32_t vulkan_type; /* VkGeometryTypeKHR: kinds that move have that of those that do not */
+    bool moves; /* the geometry has one place at t = 0 and another at t = 1 */
     enum kind_number number;
     const char *noun; /* in texts: "AABBs" */
     const char *member; /* in places, as in "infos[0].geometries[1].aabbs.stride": "aabbs" */

@@ -21,6 +21,7 @@ static enum bvhd_status check_shape(const struct validate_subject *subject)
 
 const struct kind kind_aabbs = {
     .type = GEOMETRY_AABBS,
+    .vulkan_type = GEOMETRY_AABBS,
     .number = KIND_AABBS,
     .noun = "AABBs",
     .member = "aabbs",

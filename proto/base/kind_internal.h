@@ -5,7 +5,8 @@
 
 #include "proto/base/kind.h"
 
-extern const struct kind kind_triangles, kind_aabbs, kind_instances, kind_spheres, kind_swept_spheres;
+extern const struct kind kind_triangles, kind_aabbs, kind_instances, kind_spheres, kind_swept_spheres,
+    kind_moving_triangles, kind_moving_instances;
 
 /* The rules about the arrays of a kind with vertices. Triangles have no radii. */
 struct kind_rules {

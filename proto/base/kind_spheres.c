@@ -30,6 +30,7 @@ static uint64_t vertices(const struct geometry *geometry)
 
 const struct kind kind_spheres = {
     .type = GEOMETRY_SPHERES,
+    .vulkan_type = GEOMETRY_SPHERES,
     .number = KIND_SPHERES,
     .noun = "spheres",
     .member = "spheres",

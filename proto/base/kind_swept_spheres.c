@@ -53,6 +53,7 @@ static uint64_t vertices(const struct geometry *geometry)
 
 const struct kind kind_swept_spheres = {
     .type = GEOMETRY_SWEPT_SPHERES,
+    .vulkan_type = GEOMETRY_SWEPT_SPHERES,
     .number = KIND_SWEPT_SPHERES,
     .noun = "linear swept spheres",
     .member = "linearSweptSpheres",

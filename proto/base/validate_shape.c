@@ -7,8 +7,6 @@
 #include "proto/base/place.h"
 #include "proto/base/vulkan_name.h"
 
-enum { BUILD_MOTION = 0x20 };
-
 /* Build flags that Vulkan defines and bvhd does not implement. */
 static const struct {
     uint32_t bit;
