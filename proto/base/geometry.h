@@ -34,7 +34,13 @@ enum {
 };
 
 /* VkAccelerationStructureMotionInstanceTypeNV */
-enum { MOTION_STATIC = 0, MOTION_MATRIX = 1, MOTION_SRT = 2 };
+enum { MOTION_STATIC = 0, MOTION_MATRIX = 1, MOTION_SRT = 2, MOTION_TYPES = 3 };
+
+/*
+ * A VkAccelerationStructureMotionInstanceNV: its type (MOTION_), its flags, which are 0, and at MOTION_RECORD_DATA an
+ * instance of that type. In arrays, records are MOTION_RECORD_STRIDE bytes apart.
+ */
+enum { MOTION_RECORD_DATA = 8, MOTION_RECORD_SIZE = 152, MOTION_RECORD_STRIDE = 160 };
 
 /* VkGeometryFlagBitsKHR */
 enum { GEOMETRY_OPAQUE = 1, GEOMETRY_NO_DUPLICATE_ANY_HIT = 2 };
@@ -121,8 +127,8 @@ struct geometry_swept_spheres {
 };
 
 /*
- * VkAccelerationStructureGeometryInstancesDataKHR: an array of 64-byte records, of GEOMETRY_MOVING_INSTANCES of 160-byte
- * ones, each a VkAccelerationStructureMotionInstanceNV of 152 bytes. Arrays of pointers are gathered into records before.
+ * VkAccelerationStructureGeometryInstancesDataKHR: an array of 64-byte records, of GEOMETRY_MOVING_INSTANCES of motion
+ * records. Arrays of pointers are gathered into records before.
  */
 struct geometry_instances {
     struct bytes records;

@@ -8,20 +8,6 @@ static enum bvhd_status check_shape(const struct validate_subject *subject)
     return BVHD_OK;
 }
 
-const struct kind kind_moving_instances = {
-    .type = GEOMETRY_MOVING_INSTANCES,
-    .vulkan_type = GEOMETRY_INSTANCES,
-    .moves = true,
-    .number = KIND_MOVING_INSTANCES,
-    .noun = "motion instances",
-    .member = "instances",
-    .is_top = true,
-    .too_many = BVHD_VUID_03801,
-    .primitive_bytes = 160,
-    .check_shape = check_shape,
-    .vertices = kind_no_vertices,
-};
-
 const struct kind kind_instances = {
     .type = GEOMETRY_INSTANCES,
     .vulkan_type = GEOMETRY_INSTANCES,

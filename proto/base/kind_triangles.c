@@ -31,20 +31,6 @@ static uint64_t vertices(const struct geometry *geometry)
     return named <= given ? named : given + 1;
 }
 
-const struct kind kind_moving_triangles = {
-    .type = GEOMETRY_MOVING_TRIANGLES,
-    .vulkan_type = GEOMETRY_TRIANGLES,
-    .moves = true,
-    .number = KIND_MOVING_TRIANGLES,
-    .noun = "motion triangles",
-    .member = "triangles",
-    .too_many = BVHD_VUID_03795,
-    .primitive_bytes = 3 * sizeof(uint32_t),
-    .vertex_bytes = 6 * sizeof(float),
-    .check_shape = check_shape,
-    .vertices = vertices,
-};
-
 const struct kind kind_triangles = {
     .type = GEOMETRY_TRIANGLES,
     .vulkan_type = GEOMETRY_TRIANGLES,

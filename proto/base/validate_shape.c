@@ -12,7 +12,6 @@ static const struct {
     uint32_t bit;
     const char *name;
 } foreign_flags[] = {
-    {BUILD_MOTION, "MOTION"},
     {0x40, "ALLOW_OPACITY_MICROMAP_UPDATE"},
     {0x80, "ALLOW_DISABLE_OPACITY_MICROMAPS"},
     {0x100, "ALLOW_OPACITY_MICROMAP_DATA_UPDATE"},
@@ -23,8 +22,8 @@ static const struct {
 
 enum {
     OWN_FLAGS = BUILD_ALLOW_UPDATE | BUILD_ALLOW_COMPACTION | BUILD_PREFER_FAST_TRACE | BUILD_PREFER_FAST_BUILD |
-                BUILD_LOW_MEMORY | BUILD_ALLOW_DATA_ACCESS,
-    FOREIGN_FLAGS = 0x17e0,
+                BUILD_LOW_MEMORY | BUILD_MOTION | BUILD_ALLOW_DATA_ACCESS,
+    FOREIGN_FLAGS = 0x17c0,
 };
 
 /* Structure and geometry types that Vulkan defines and bvhd does not implement. */
@@ -121,10 +120,27 @@ static enum bvhd_status check_geometry_type(const struct validate_subject *subje
     if (input->type == STRUCTURE_BOTTOM && kind->is_top)
         return bvhd_error_rule(subject->error, BVHD_VUID_03791, VALIDATE_GEOMETRY_PLACE(subject, "geometryType"),
                                "%s in a bottom level; only top levels are made of them", kind->noun);
-    if (kind != first)
+    if (kind->vulkan_type != first->vulkan_type)
         return bvhd_error_rule(subject->error, BVHD_VUID_03792, VALIDATE_GEOMETRY_PLACE(subject, "geometryType"),
                                "%s after %s: a bottom level has one type of geometry", kind->noun, first->noun);
     return BVHD_OK;
+}
+
+/* A bottom level with the flag MOTION may also have geometry that stands still; a top level has motion instances. */
+static enum bvhd_status check_motion(const struct validate_subject *subject, uint32_t flags)
+{
+    const struct kind *kind = kind_find(subject->geometry->type);
+    const bool has_flag = flags & BUILD_MOTION;
+    if (kind->moves == has_flag || (has_flag && !kind->is_top))
+        return BVHD_OK;
+    struct place where = place("infos[%u].flags", subject->info);
+    if (!kind->is_top)
+        return bvhd_error_rule(subject->error, BVHD_VUID_04955, where.text,
+                               "geometries[%u] has %s, which need the flag MOTION", subject->index, kind->noun);
+    return bvhd_error_set(subject->error, BVHD_INVALID, where.text,
+                          "a top level has motion instances exactly if it "
+                          "has the flag MOTION, and this one has %s",
+                          kind->noun);
 }
 
 static enum bvhd_status check_geometry_flags(const struct validate_subject *subject)
@@ -159,6 +175,8 @@ enum bvhd_status validate_geometry(const struct validate_subject *subject, const
                                    const struct limits *limits, uint64_t *total)
 {
     enum bvhd_status status = check_geometry_type(subject, input);
+    if (status == BVHD_OK)
+        status = check_motion(subject, input->flags);
     if (status == BVHD_OK)
         status = check_geometry_flags(subject);
     return status == BVHD_OK ? check_primitive_count(subject, limits, total) : status;

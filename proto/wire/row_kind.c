@@ -108,6 +108,17 @@ static const struct row_kind kinds[KIND_COUNT] = {
                              [ROW_RADII] = AT(swept_spheres.ends.radii)},
                             swept_spheres_to_row,
                             swept_spheres_from_row},
+    [KIND_MOVING_TRIANGLES] = {ROWS_GEOMETRY_SIZE,
+                               {[ROW_DATA] = AT(triangles.vertices),
+                                [ROW_INDICES] = AT(triangles.indices),
+                                [ROW_TRANSFORM] = AT(triangles.transform),
+                                [ROW_END_POSITIONS] = AT(triangles.end_vertices)},
+                               triangles_to_row,
+                               triangles_from_row},
+    [KIND_MOVING_INSTANCES] = {ROWS_GEOMETRY_LEAST,
+                               {[ROW_DATA] = AT(instances.records)},
+                               nothing_to_row,
+                               nothing_from_row},
 };
 
 const struct row_kind *row_kind_find(uint32_t type)

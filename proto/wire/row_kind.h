@@ -10,7 +10,7 @@
 #include "proto/wire/rows.h"
 
 /* The arrays to which a geometry's row can point, in the order of its spans. */
-enum row_array { ROW_DATA, ROW_INDICES, ROW_TRANSFORM, ROW_RADII, ROW_ARRAYS };
+enum row_array { ROW_DATA, ROW_INDICES, ROW_TRANSFORM, ROW_RADII, ROW_END_POSITIONS, ROW_ARRAYS };
 
 struct row_kind {
     uint16_t size; /* bytes of the shortest row that has all fields of this kind */

@@ -16,6 +16,7 @@ static const struct {
     [ROW_INDICES] = {"indices", offsetof(struct geometry_row, indices)},
     [ROW_TRANSFORM] = {"transform", offsetof(struct geometry_row, transform)},
     [ROW_RADII] = {"radii", offsetof(struct geometry_row, radii)},
+    [ROW_END_POSITIONS] = {"endPositions", offsetof(struct geometry_row, end_positions)},
 };
 
 struct arrays {
@@ -284,8 +285,7 @@ static enum bvhd_status read_arrays(const struct rows_reader *reading, uint32_t 
 /* Returns whether a field is used that will have a meaning for a later version. */
 static bool has_newer_fields(const struct geometry_row *row)
 {
-    return row->reserved != 0 || row->reserved_round != 0 || row->end_positions.offset != 0 ||
-           row->end_positions.size != 0;
+    return row->reserved != 0 || row->reserved_round != 0;
 }
 
 /* A row with an unknown type passes; validation refuses it. */

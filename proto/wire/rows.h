@@ -40,7 +40,7 @@ struct geometry_row {
     uint32_t reserved_round; /* 0 */
     uint64_t index_stride, radius_stride; /* bytes */
     struct row_span radii;
-    struct row_span end_positions; /* 0: for vertices at the time 1 */
+    struct row_span end_positions; /* of motion triangles: the vertices at t = 1 */
 };
 
 /* One reference in its wire format; fields as in struct reference. */

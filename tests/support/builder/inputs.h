@@ -11,7 +11,7 @@
 
 #include "proto/base/geometry.h"
 
-enum { INPUTS_RECORDS = 4, INPUTS_BOXES = 3, INPUTS_VERTICES = 9 };
+enum { INPUTS_RECORDS = 4, INPUTS_BOXES = 3, INPUTS_VERTICES = 9, INPUTS_MOTION_RECORDS = 5 };
 
 struct test_input {
     struct build_input input;
@@ -22,6 +22,8 @@ struct test_input {
     float transform[16]; /* the matrix begins at byte 16 */
     float boxes[INPUTS_BOXES][6];
     uint32_t records[INPUTS_RECORDS][16];
+    float end_vertices[INPUTS_VERTICES][5]; /* as vertices, at t = 1 */
+    uint32_t motion_records[INPUTS_MOTION_RECORDS][40];
 };
 
 static inline void inputs_start(struct test_input *test, uint32_t type, uint32_t geometry_count)
@@ -74,6 +76,34 @@ static inline void inputs_triangles(struct test_input *test)
                       .vertices = {(const unsigned char *)test->vertices, sizeof test->vertices}},
         .range = {.primitive_count = 3},
     };
+}
+
+/*
+ * Makes the same with the flag MOTION, of which the first geometry moves and the second one stands still, if `mixed`;
+ * else both move.
+ */
+static inline void inputs_motion_triangles_and(struct test_input *test, bool mixed)
+{
+    inputs_triangles(test);
+    test->input.flags = BUILD_MOTION;
+    for (int i = 0; i < INPUTS_VERTICES; i++)
+        for (int k = 0; k < 5; k++)
+            test->end_vertices[i][k] = test->vertices[i][k] + (float)(i % 3 - 1) + 0.5f * (float)k;
+    for (int i = 0; i < (mixed ? 1 : 2); i++) {
+        test->geometries[i].type = GEOMETRY_MOVING_TRIANGLES;
+        test->geometries[i].triangles.end_vertices =
+            (struct bytes){(const unsigned char *)test->end_vertices, sizeof test->end_vertices};
+    }
+}
+
+static inline void inputs_motion_triangles(struct test_input *test)
+{
+    inputs_motion_triangles_and(test, false);
+}
+
+static inline void inputs_mixed_triangles(struct test_input *test)
+{
+    inputs_motion_triangles_and(test, true);
 }
 
 /* Makes one geometry of three boxes: a cube, a point, an inactive one. */
@@ -182,6 +212,53 @@ static inline void inputs_instances(struct test_input *test)
         .type = GEOMETRY_INSTANCES,
         .instances = {{(const unsigned char *)test->records, sizeof test->records}},
         .range = {.primitive_count = INPUTS_RECORDS},
+    };
+}
+
+/* Sets what all types of motion records have, which follows their numbers at `word` of the record. */
+static inline void inputs_end_motion_record(struct test_input *test, int index, int word, uint64_t reference,
+                                            uint32_t flags)
+{
+    uint32_t *record = test->motion_records[index] + word;
+    record[0] = 0xff000000 | (uint32_t)(0x123450 + index);
+    record[1] = flags << 24 | (uint32_t)(0x54321 + index);
+    memcpy(record + 2, &reference, sizeof reference);
+}
+
+static inline void inputs_set_motion_record(struct test_input *test, int index, uint32_t type, uint64_t reference,
+                                            uint32_t flags)
+{
+    static const float matrices[24] = {1, 0, 0, 5, 0, 2, 0, 6, 0, 0, -3, 7, 1.5f, 0, 0, 5, 0, 2, 0.5f, 6, 0, 0, -3, 8};
+    /* From the identity to a turn by 180 degrees about z with a scale, a shear, a pivot and a translation. */
+    static const float srts[32] = {1, 0, 0, 0, 1, 0, 0, 1, 0,  0, 0, 0, 1, 0, 0, 0,
+                                   2, 1, 0, 0, 2, 0, 1, 2, -1, 0, 0, 1, 0, 4, 5, 6};
+    uint32_t *record = test->motion_records[index];
+    memset(record, 0, sizeof test->motion_records[index]);
+    record[0] = type;
+    if (type == MOTION_SRT)
+        memcpy(record + 2, srts, sizeof srts);
+    else
+        memcpy(record + 2, matrices, type == MOTION_MATRIX ? sizeof matrices : sizeof matrices / 2);
+    inputs_end_motion_record(test, index, type == MOTION_SRT ? 34 : type == MOTION_MATRIX ? 26 : 14, reference, flags);
+}
+
+/*
+ * Makes five motion instances of the references of inputs_instances: a static one of 77, an inactive static one, a
+ * matrix one of 55, a SRT one of 77, and an inactive SRT one.
+ */
+static inline void inputs_motion_instances(struct test_input *test)
+{
+    inputs_instances(test);
+    test->input.flags = BUILD_MOTION;
+    inputs_set_motion_record(test, 0, MOTION_STATIC, 77, INSTANCE_CULL_DISABLE);
+    inputs_set_motion_record(test, 1, MOTION_STATIC, 0, 0);
+    inputs_set_motion_record(test, 2, MOTION_MATRIX, 55, INSTANCE_FORCE_OPAQUE);
+    inputs_set_motion_record(test, 3, MOTION_SRT, 77, INSTANCE_FLIP_FACING | INSTANCE_FORCE_NO_OPAQUE);
+    inputs_set_motion_record(test, 4, MOTION_SRT, 0, 0);
+    test->geometries[0] = (struct geometry){
+        .type = GEOMETRY_MOVING_INSTANCES,
+        .instances = {{(const unsigned char *)test->motion_records, sizeof test->motion_records}},
+        .range = {.primitive_count = INPUTS_MOTION_RECORDS},
     };
 }
 

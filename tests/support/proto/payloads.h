@@ -77,7 +77,7 @@ static inline void payload_compare_geometries(const struct geometry *a, const st
     assert_int_equal(a->type, b->type);
     assert_int_equal(a->flags, b->flags);
     assert_memory_equal(&a->range, &b->range, sizeof a->range);
-    if (a->type == GEOMETRY_TRIANGLES) {
+    if (a->type == GEOMETRY_TRIANGLES || a->type == GEOMETRY_MOVING_TRIANGLES) {
         assert_int_equal(a->triangles.vertex_format, b->triangles.vertex_format);
         assert_int_equal(a->triangles.max_vertex, b->triangles.max_vertex);
         assert_int_equal(a->triangles.vertex_stride, b->triangles.vertex_stride);
@@ -85,10 +85,11 @@ static inline void payload_compare_geometries(const struct geometry *a, const st
         payload_compare_bytes(a->triangles.vertices, b->triangles.vertices);
         payload_compare_bytes(a->triangles.indices, b->triangles.indices);
         payload_compare_bytes(a->triangles.transform, b->triangles.transform);
+        payload_compare_bytes(a->triangles.end_vertices, b->triangles.end_vertices);
     } else if (a->type == GEOMETRY_AABBS) {
         assert_int_equal(a->aabbs.stride, b->aabbs.stride);
         payload_compare_bytes(a->aabbs.boxes, b->aabbs.boxes);
-    } else if (a->type == GEOMETRY_INSTANCES) {
+    } else if (a->type == GEOMETRY_INSTANCES || a->type == GEOMETRY_MOVING_INSTANCES) {
         payload_compare_bytes(a->instances.records, b->instances.records);
     } else if (a->type == GEOMETRY_SPHERES) {
         payload_compare_spheres(&a->spheres, &b->spheres);

@@ -64,7 +64,11 @@ CHANGE(micromap_type, test->input.type = 1000623000)
 CHANGE(unknown_flags, test->input.flags = 0x2000)
 CHANGE(high_flags, test->input.flags = 0x80000000)
 CHANGE(both_preferences, test->input.flags = BUILD_PREFER_FAST_TRACE | BUILD_PREFER_FAST_BUILD)
-CHANGE(motion_flag, test->input.flags = 0x20 | BUILD_ALLOW_UPDATE)
+CHANGE(motion_flag, test->input.flags = BUILD_MOTION | BUILD_ALLOW_UPDATE)
+CHANGE(motion_triangles_without_flag, test->geometries[1].type = GEOMETRY_MOVING_TRIANGLES)
+CHANGE(motion_instances_without_flag, test->geometries[0].type = GEOMETRY_MOVING_INSTANCES)
+CHANGE(boxes_after_motion_triangles, test->input.flags = BUILD_MOTION;
+       test->geometries[0].type = GEOMETRY_MOVING_TRIANGLES; test->geometries[1].type = GEOMETRY_AABBS)
 CHANGE(lossy_flag, test->input.flags = 0x400)
 CHANGE(cluster_flag, test->input.flags = 0x1000)
 CHANGE(unknown_mode, test->input.mode = 2)
@@ -191,7 +195,12 @@ static const struct wrong entries[] = {
     WRONG(triangles, unknown_flags, BUILD "flags-parameter", "infos[3].flags"),
     WRONG(triangles, high_flags, BUILD "flags-parameter", "infos[3].flags"),
     WRONG(aabbs, both_preferences, BUILD "flags-03796", "infos[3].flags"),
-    FOREIGN(instances, motion_flag, "infos[3].flags"),
+    FOREIGN(triangles, motion_flag, "infos[3].flags"),
+    WRONG(instances, motion_flag, "", "infos[3].flags"),
+    WRONG(instances, motion_instances_without_flag, "", "infos[3].flags"),
+    WRONG(triangles, motion_triangles_without_flag, "VUID-VkAccelerationStructureCreateInfoKHR-flags-04955",
+          "infos[3].flags"),
+    WRONG(triangles, boxes_after_motion_triangles, BUILD "type-03792", "infos[3].geometries[1].geometryType"),
     FOREIGN(triangles, lossy_flag, "infos[3].flags"),
     FOREIGN(triangles, cluster_flag, "infos[3].flags"),
     WRONG(triangles, unknown_mode, CALL "mode-04628", "infos[3].mode"),

@@ -9,14 +9,19 @@
 static void every_type_has_one_kind(void **state)
 {
     (void)state;
-    static const uint32_t types[KIND_COUNT] = {GEOMETRY_TRIANGLES, GEOMETRY_AABBS, GEOMETRY_INSTANCES, GEOMETRY_SPHERES,
-                                               GEOMETRY_SWEPT_SPHERES};
+    static const uint32_t types[KIND_COUNT] = {GEOMETRY_TRIANGLES,       GEOMETRY_AABBS,
+                                               GEOMETRY_INSTANCES,       GEOMETRY_SPHERES,
+                                               GEOMETRY_SWEPT_SPHERES,   GEOMETRY_MOVING_TRIANGLES,
+                                               GEOMETRY_MOVING_INSTANCES};
+    static const uint32_t vulkan_types[KIND_COUNT] = {0, 1, 2, 1000429004, 1000429005, 0, 2};
     for (int i = 0; i < KIND_COUNT; i++) {
         const struct kind *kind = kind_find(types[i]);
         assert_non_null(kind);
         assert_int_equal(kind->number, i);
         assert_int_equal(kind->type, types[i]);
-        assert_int_equal(kind->is_top, types[i] == GEOMETRY_INSTANCES);
+        assert_int_equal(kind->vulkan_type, vulkan_types[i]);
+        assert_int_equal(kind->is_top, vulkan_types[i] == GEOMETRY_INSTANCES);
+        assert_int_equal(kind->moves, i == KIND_MOVING_TRIANGLES || i == KIND_MOVING_INSTANCES);
     }
     static const uint32_t foreign[] = {3, 1000429003, 1000429006, 1000478000, UINT32_MAX};
     for (size_t i = 0; i < sizeof foreign / sizeof *foreign; i++)
@@ -49,6 +54,8 @@ static void vertices_are_counted(void **state)
                                     .range = {.primitive_count = cases[i].count}};
         if (kind_find(GEOMETRY_TRIANGLES)->vertices(&geometry) != cases[i].vertices)
             fail_msg("case %zu", i);
+        assert_int_equal(kind_find(GEOMETRY_MOVING_TRIANGLES)->vertices(&geometry), cases[i].vertices);
+        assert_int_equal(kind_find(GEOMETRY_MOVING_INSTANCES)->vertices(&geometry), 0);
         assert_int_equal(kind_find(GEOMETRY_AABBS)->vertices(&geometry), 0);
         assert_int_equal(kind_find(GEOMETRY_INSTANCES)->vertices(&geometry), 0);
     }
@@ -144,11 +151,10 @@ static void expect(const struct geometry *geometry, enum bvhd_vuid with_strides,
     assert_int_equal(error.vuid, without);
 }
 
-static void wrong_shapes_are_refused(void **state)
+static void expect_wrong_triangles(uint32_t type)
 {
-    (void)state;
     struct geometry geometry = {
-        .type = GEOMETRY_TRIANGLES,
+        .type = type,
         .triangles = {.vertex_format = 106, .vertex_stride = 12, .index_type = INDEX_UINT32},
     };
     expect(&geometry, BVHD_VUID_NONE, BVHD_VUID_NONE);
@@ -160,13 +166,22 @@ static void wrong_shapes_are_refused(void **state)
     expect(&geometry, BVHD_VUID_03819, BVHD_VUID_TrianglesData_indexType_parameter);
     geometry.triangles.vertex_format = 98;
     expect(&geometry, BVHD_VUID_03797, BVHD_VUID_03797);
-    geometry = (struct geometry){.type = GEOMETRY_AABBS, .aabbs = {.stride = 24}};
+}
+
+static void wrong_shapes_are_refused(void **state)
+{
+    (void)state;
+    expect_wrong_triangles(GEOMETRY_TRIANGLES);
+    expect_wrong_triangles(GEOMETRY_MOVING_TRIANGLES);
+    struct geometry geometry = {.type = GEOMETRY_AABBS, .aabbs = {.stride = 24}};
     expect(&geometry, BVHD_VUID_NONE, BVHD_VUID_NONE);
     geometry.aabbs.stride = 28;
     expect(&geometry, BVHD_VUID_03545, BVHD_VUID_NONE);
     geometry.aabbs.stride = UINT64_C(1) << 32;
     expect(&geometry, BVHD_VUID_03820, BVHD_VUID_NONE);
     geometry = (struct geometry){.type = GEOMETRY_INSTANCES};
+    expect(&geometry, BVHD_VUID_NONE, BVHD_VUID_NONE);
+    geometry.type = GEOMETRY_MOVING_INSTANCES;
     expect(&geometry, BVHD_VUID_NONE, BVHD_VUID_NONE);
 }
 

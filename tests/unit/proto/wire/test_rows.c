@@ -57,6 +57,12 @@ static void descriptions_come_back(void **state)
     test.geometries[0].swept_spheres.indexing_mode = 4711;
     test.geometries[1].swept_spheres.end_caps_mode = 4712;
     round_trip(&test.input);
+    inputs_motion_triangles(&test);
+    round_trip(&test.input);
+    inputs_mixed_triangles(&test);
+    round_trip(&test.input);
+    inputs_motion_instances(&test);
+    round_trip(&test.input);
     inputs_instances(&test);
     test.references[0].bounds.min[0] = -0.0f;
     /* Slabs may have any value. */
@@ -132,17 +138,19 @@ static void sizes_that_overflow_are_refused(void **state)
     assert_int_equal(size, 4711);
 }
 
-static void (*const describe[])(struct test_input *test) = {inputs_triangles, inputs_aabbs, inputs_instances,
-                                                            inputs_spheres, inputs_swept_spheres};
+static void (*const describe[])(struct test_input *test) = {
+    inputs_triangles,        inputs_aabbs,           inputs_instances, inputs_spheres, inputs_swept_spheres,
+    inputs_motion_triangles, inputs_motion_instances};
 
 /* Returns the bytes of padding behind the last array of a payload. */
 static uint64_t padding_of(const struct build_input *input)
 {
     const struct geometry *last = &input->geometries[input->geometry_count - 1];
-    uint64_t size = last->type == GEOMETRY_AABBS           ? last->aabbs.boxes.size
-                    : last->type == GEOMETRY_SPHERES       ? last->spheres.radii.size
-                    : last->type == GEOMETRY_SWEPT_SPHERES ? last->swept_spheres.ends.radii.size
-                                                           : 0;
+    uint64_t size = last->type == GEOMETRY_AABBS              ? last->aabbs.boxes.size
+                    : last->type == GEOMETRY_SPHERES          ? last->spheres.radii.size
+                    : last->type == GEOMETRY_SWEPT_SPHERES    ? last->swept_spheres.ends.radii.size
+                    : last->type == GEOMETRY_MOVING_TRIANGLES ? last->triangles.end_vertices.size
+                                                              : 0;
     return bytes_align(size, ROWS_ALIGNMENT) - size;
 }
 
@@ -242,6 +250,9 @@ static void spans_outside_are_refused(void **state)
         {inputs_triangles, offsetof(struct geometry_row, indices), "infos[5].geometries[0].indices"},
         {inputs_triangles, offsetof(struct geometry_row, transform), "infos[5].geometries[0].transform"},
         {inputs_spheres, offsetof(struct geometry_row, radii), "infos[5].geometries[0].radii"},
+        {inputs_motion_triangles, offsetof(struct geometry_row, end_positions), "infos[5].geometries[0].endPositions"},
+        {inputs_motion_triangles, offsetof(struct geometry_row, data), "infos[5].geometries[0].data"},
+        {inputs_motion_instances, offsetof(struct geometry_row, data), "infos[5].geometries[0].data"},
         {inputs_swept_spheres, offsetof(struct geometry_row, data), "infos[5].geometries[0].data"},
         {inputs_swept_spheres, offsetof(struct geometry_row, indices), "infos[5].geometries[0].indices"},
         {inputs_swept_spheres, offsetof(struct geometry_row, radii), "infos[5].geometries[0].radii"},

@@ -82,6 +82,12 @@ static void rows_are_as_short_as_they_can_be(void **state)
     assert_int_equal(rows_geometry_size(&test.input), 96);
     inputs_swept_spheres(&test);
     assert_int_equal(rows_geometry_size(&test.input), 160);
+    inputs_motion_triangles(&test);
+    assert_int_equal(rows_geometry_size(&test.input), 160);
+    inputs_mixed_triangles(&test);
+    assert_int_equal(rows_geometry_size(&test.input), 160);
+    inputs_motion_instances(&test);
+    assert_int_equal(rows_geometry_size(&test.input), 96);
     test.geometries[0].type = 4711;
     test.input.geometry_count = 1;
     assert_int_equal(rows_geometry_size(&test.input), 96);
@@ -102,6 +108,26 @@ static void short_rows_of_spheres_lack_radii(void **state)
     assert_true(spheres->vertex_format == 106 && spheres->vertex_stride == 20 && spheres->index_type == INDEX_NONE);
     assert_true(spheres->radius_format == 0 && spheres->radii.data == NULL);
     rows_finish(&input, &payload_memory);
+}
+
+/* Motion triangles in rows that end before the positions at t = 1, which are then not given. */
+static void short_rows_of_motion_triangles_lack_their_end(void **state)
+{
+    (void)state;
+    struct test_input test;
+    inputs_motion_triangles(&test);
+    struct payload payload = payload_write(&test.input);
+    for (uint32_t size = ROWS_GEOMETRY_LEAST; size <= offsetof(struct geometry_row, end_positions); size += 16) {
+        const struct rows_shape shape = {1, size, 0, 0, NULL};
+        const struct payload cut = {payload.bytes, payload.size, shape};
+        struct build_input input = {0};
+        assert_int_equal(payload_read(&cut, &input, NULL), BVHD_OK);
+        struct geometry want = test.geometries[0];
+        want.triangles.end_vertices = (struct bytes){NULL, 0};
+        payload_compare_geometries(&want, &input.geometries[0]);
+        rows_finish(&input, &payload_memory);
+    }
+    free(payload.bytes);
 }
 
 /*
@@ -147,15 +173,10 @@ static void reserved_fields_are_refused(void **state)
     struct test_input spheres;
     inputs_spheres(&spheres);
     struct payload round = payload_write(&spheres.input);
-    static const size_t reserved_at[] = {offsetof(struct geometry_row, reserved_round),
-                                         offsetof(struct geometry_row, end_positions),
-                                         offsetof(struct geometry_row, end_positions) + 15};
-    for (int i = 0; i < 3; i++) {
-        unsigned char *at = round.bytes + ROWS_GEOMETRY_SIZE + reserved_at[i];
-        *at = 1;
-        payload_refuse(&round, BVHD_UNSUPPORTED, "infos[5].geometries[1]");
-        *at = 0;
-    }
+    unsigned char *reserved_round = round.bytes + ROWS_GEOMETRY_SIZE + offsetof(struct geometry_row, reserved_round);
+    *reserved_round = 1;
+    payload_refuse(&round, BVHD_UNSUPPORTED, "infos[5].geometries[1]");
+    *reserved_round = 0;
     free(round.bytes);
     unsigned char *reference = payload.bytes + ROWS_GEOMETRY_LEAST + ROWS_REFERENCE_SIZE;
     bytes_put64(reference + offsetof(struct reference_row, reserved), UINT64_C(1) << 63);
@@ -172,6 +193,7 @@ int main(void)
         cmocka_unit_test(longer_rows_are_read_while_the_rest_is_zero),
         cmocka_unit_test(rows_are_as_short_as_they_can_be),
         cmocka_unit_test(short_rows_of_spheres_lack_radii),
+        cmocka_unit_test(short_rows_of_motion_triangles_lack_their_end),
         cmocka_unit_test(shorter_rows_lack_their_end),
         cmocka_unit_test(reserved_fields_are_refused),
     };
