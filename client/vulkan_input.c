@@ -15,8 +15,8 @@ static const struct {
     uint32_t type;
     const char *name;
 } foreign_structs[] = {
-    {1000327000, "motion triangles"}, {1000396009, "an opacity micromap"}, {1000397002, "a displacement micromap"},
-    {1000478001, "dense geometry"},   {1000623002, "micromap data"},       {1000623003, "an opacity micromap"},
+    {1000396009, "an opacity micromap"}, {1000397002, "a displacement micromap"}, {1000478001, "dense geometry"},
+    {1000623002, "micromap data"},       {1000623003, "an opacity micromap"},
 };
 
 static enum bvhd_status refuse_struct(const struct input_entry *entry, enum bvhd_vuid vuid, struct place where,
@@ -34,6 +34,13 @@ static enum bvhd_status check_chain(const struct input_entry *entry, enum bvhd_v
                                     const void *chain)
 {
     return chain ? refuse_struct(entry, vuid, where, ((const VkBaseInStructure *)chain)->sType) : BVHD_OK;
+}
+
+static enum bvhd_status refuse_second(const struct input_entry *entry, enum bvhd_vuid vuid, struct place where,
+                                      VkStructureType type)
+{
+    return bvhd_error_rule(entry->error, vuid, where.text, "%s is there twice",
+                           vulkan_name(VULKAN_STRUCTURE_TYPE, (uint32_t)type).text);
 }
 
 static enum bvhd_status check_structure_type(const struct input_entry *entry, enum bvhd_vuid vuid, struct place where,
@@ -69,11 +76,25 @@ static enum bvhd_status read_chain(const struct input_entry *entry, uint32_t ind
         if (number == KIND_COUNT)
             return refuse_struct(entry, BVHD_VUID_Geometry_pNext_pNext, where, link->sType);
         if (ret_data[number])
-            return bvhd_error_rule(entry->error, BVHD_VUID_Geometry_sType_unique, where.text, "%s is there twice",
-                                   vulkan_name(VULKAN_STRUCTURE_TYPE, (uint32_t)link->sType).text);
+            return refuse_second(entry, BVHD_VUID_Geometry_sType_unique, where, link->sType);
         ret_data[number] = link;
     }
     return BVHD_OK;
+}
+
+/* Checks the chain of the data of geometry `index`, in which the struct of what moves may be, once. */
+static enum bvhd_status check_data_chain(const struct input_entry *entry, uint32_t index, const struct kind *kind,
+                                         const VkBaseInStructure *head)
+{
+    const struct vulkan_input_kind *input_kind = vulkan_input_kind_at(kind->number);
+    const struct place where = place("infos[%u].geometries[%u].%s.pNext", entry->index, index, kind->member);
+    const VkBaseInStructure *link = head->pNext;
+    if (link && input_kind->end && link->sType == input_kind->end) {
+        link = link->pNext;
+        if (link && link->sType == input_kind->end)
+            return refuse_second(entry, input_kind->unique_rule, where, link->sType);
+    }
+    return check_chain(entry, input_kind->chain_rule, where, link);
 }
 
 /* Checks sType and pNext of the data of geometry `index`. */
@@ -84,10 +105,7 @@ static enum bvhd_status check_data_head(const struct input_entry *entry, uint32_
     enum bvhd_status status = check_structure_type(
         entry, input_kind->type_rule, place("infos[%u].geometries[%u].%s.sType", entry->index, index, kind->member),
         head->sType, input_kind->head);
-    if (status != BVHD_OK)
-        return status;
-    return check_chain(entry, input_kind->chain_rule,
-                       place("infos[%u].geometries[%u].%s.pNext", entry->index, index, kind->member), head->pNext);
+    return status == BVHD_OK ? check_data_chain(entry, index, kind, head) : status;
 }
 
 static enum bvhd_status refuse_missing(const struct input_entry *entry, uint32_t index, const struct kind *kind)
@@ -101,13 +119,25 @@ static enum bvhd_status refuse_missing(const struct input_entry *entry, uint32_t
 }
 
 /*
- * Checks the geometry's head, and finds the struct with its data. That is NULL if the type is one that validate_input
- * refuses.
+ * Returns the kind of a geometry whose type is Vulkan's of `kind`, which does not move. Instances move in a top level
+ * that does, and others if the chain of their data, which has been checked, says where they are at t = 1.
+ */
+static const struct kind *find_moving(const struct input_entry *entry, const struct kind *kind, const void *data)
+{
+    const bool has_end = vulkan_input_kind_at(kind->number)->end && ((const VkBaseInStructure *)data)->pNext;
+    const bool moves = kind->is_top ? (entry->info->flags & BUILD_MOTION) != 0 : has_end;
+    return moves ? kind_find_vulkan(kind->vulkan_type, true) : kind;
+}
+
+/*
+ * Checks the geometry's head, and finds its kind and the struct with its data. Both are NULL if the type is one that
+ * validate_input refuses.
  */
 static enum bvhd_status find_data(const struct input_entry *entry, uint32_t index,
-                                  const VkAccelerationStructureGeometryKHR *source, const void **ret_data)
+                                  const VkAccelerationStructureGeometryKHR *source, const struct kind **ret_kind,
+                                  const void **ret_data)
 {
-    const struct kind *kind = kind_find((uint32_t)source->geometryType);
+    const struct kind *kind = kind_find_vulkan((uint32_t)source->geometryType, false);
     const void *chained[KIND_COUNT] = {NULL};
     enum bvhd_status status = check_structure_type(
         entry, BVHD_VUID_Geometry_sType_sType, place("infos[%u].geometries[%u].sType", entry->index, index),
@@ -117,10 +147,24 @@ static enum bvhd_status find_data(const struct input_entry *entry, uint32_t inde
     if (status != BVHD_OK || !kind)
         return status;
     const bool is_chained = vulkan_input_kind_at(kind->number)->is_chained;
-    *ret_data = is_chained ? chained[kind->number] : &source->geometry;
-    if (is_chained)
-        return *ret_data ? BVHD_OK : refuse_missing(entry, index, kind);
-    return check_data_head(entry, index, kind, *ret_data);
+    const void *data = is_chained ? chained[kind->number] : &source->geometry;
+    if (!data)
+        return refuse_missing(entry, index, kind);
+    if (!is_chained)
+        status = check_data_head(entry, index, kind, data);
+    if (status != BVHD_OK)
+        return status;
+    *ret_kind = find_moving(entry, kind, data);
+    *ret_data = data;
+    return BVHD_OK;
+}
+
+/* Refuses the numbers of bvhd's own types, which a description may have and a program may not. */
+static enum bvhd_status refuse_own_type(const struct input_entry *entry, uint32_t index, uint32_t type)
+{
+    return bvhd_error_rule(entry->error, BVHD_VUID_Geometry_geometryType_parameter,
+                           place("infos[%u].geometries[%u].geometryType", entry->index, index).text,
+                           "geometryType is %u, which is no VkGeometryTypeKHR", type);
 }
 
 /*
@@ -179,16 +223,19 @@ static enum bvhd_status convert_geometry(const struct input_entry *entry, uint32
         return bvhd_error_rule(entry->error, BVHD_VUID_BuildGeometryInfo_ppGeometries_parameter,
                                place("infos[%u].ppGeometries[%u]", entry->index, index).text,
                                "ppGeometries[%u] is NULL, but geometryCount is %u", index, info->geometryCount);
+    const struct kind *kind = NULL;
     const void *data = NULL;
-    enum bvhd_status status = find_data(entry, index, source, &data);
+    enum bvhd_status status = find_data(entry, index, source, &kind, &data);
+    if (status == BVHD_OK && !kind && kind_find((uint32_t)source->geometryType))
+        status = refuse_own_type(entry, index, (uint32_t)source->geometryType);
     if (status != BVHD_OK)
         return status;
     *geometry = (struct geometry){
-        .type = (uint32_t)source->geometryType,
+        .type = kind ? kind->type : (uint32_t)source->geometryType,
         .flags = source->flags,
         .range = {range->primitiveCount, range->primitiveOffset, range->firstVertex, range->transformOffset},
     };
-    return data ? vulkan_input_kind_at(kind_find(geometry->type)->number)->convert(entry, data, geometry) : BVHD_OK;
+    return kind ? vulkan_input_kind_at(kind->number)->convert(entry, data, geometry) : BVHD_OK;
 }
 
 static enum bvhd_status convert_geometries(const struct input_entry *entry, struct build_input *description)

@@ -1,32 +1,58 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "client/vulkan_input_kind.h"
+#include "client/vulkan_input_records.h"
 #include "proto/base/place.h"
 #include "proto/base/request_limits.h"
 
 enum { RECORD_SIZE = sizeof(VkAccelerationStructureInstanceKHR), RECORD_REFERENCE = 56 };
 _Static_assert(RECORD_SIZE == 64, "instance records are read by offset");
 
+enum bvhd_status vulkan_input_refuse_pointer(const struct input_entry *entry, uint32_t index)
+{
+    return bvhd_error_rule(entry->error, BVHD_VUID_03778,
+                           place("infos[%u].geometries[0].instances[%u]", entry->index, index).text,
+                           "the pointer to this instance is NULL");
+}
+
+static uint64_t reference(const unsigned char *record)
+{
+    return bytes_get64(record + RECORD_REFERENCE);
+}
+
+static enum bvhd_status gather(const struct input_entry *entry, uint32_t index, uint64_t pointer,
+                               unsigned char *ret_record)
+{
+    if (!pointer)
+        return vulkan_input_refuse_pointer(entry, index);
+    memcpy(ret_record, (const void *)(uintptr_t)pointer, RECORD_SIZE);
+    return BVHD_OK;
+}
+
+const struct input_records input_records = {RECORD_SIZE, RECORD_SIZE, reference, gather};
+
+/* Returns how the records of a geometry are read, which consists of instances. */
+static const struct input_records *records_of(const struct geometry *geometry)
+{
+    return geometry->type == GEOMETRY_MOVING_INSTANCES ? &input_motion_records : &input_records;
+}
+
 /* Copies the records behind the pointers into an array that the entry owns; the range then starts at 0. */
-static enum bvhd_status gather(const struct input_entry *entry, const unsigned char *pointers,
-                               struct geometry *geometry)
+static enum bvhd_status gather_all(const struct input_entry *entry, const struct input_records *records,
+                                   const unsigned char *pointers, struct geometry *geometry)
 {
     uint32_t count = geometry->range.primitive_count;
-    unsigned char *records = memory_array(entry->call->memory, count, RECORD_SIZE);
-    if (!records)
+    unsigned char *array = memory_array(entry->call->memory, count, records->stride);
+    if (!array)
         return vulkan_input_no_memory(entry);
-    entry->owned->records = records;
+    entry->owned->records = array;
     pointers += geometry->range.primitive_offset;
     for (uint32_t i = 0; i < count; i++) {
-        const void *record;
-        memcpy(&record, pointers + i * sizeof record, sizeof record);
-        if (!record)
-            return bvhd_error_rule(entry->error, BVHD_VUID_03778,
-                                   place("infos[%u].geometries[0].instances[%u]", entry->index, i).text,
-                                   "the pointer to this instance is NULL");
-        memcpy(records + (size_t)i * RECORD_SIZE, record, RECORD_SIZE);
+        const uint64_t pointer = bytes_get64(pointers + i * sizeof pointer);
+        enum bvhd_status status = records->gather(entry, i, pointer, array + (size_t)i * records->stride);
+        if (status != BVHD_OK)
+            return status;
     }
     geometry->range.primitive_offset = 0;
-    geometry->instances.records = (struct bytes){records, (uint64_t)count * RECORD_SIZE};
+    geometry->instances.records = (struct bytes){array, (uint64_t)count * records->stride};
     return BVHD_OK;
 }
 
@@ -37,7 +63,6 @@ static enum bvhd_status gather(const struct input_entry *entry, const unsigned c
 static bool are_readable(const struct input_entry *entry, const struct geometry *geometry)
 {
     return entry->info->type == VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR && entry->info->geometryCount == 1 &&
-           !(entry->info->flags & VK_BUILD_ACCELERATION_STRUCTURE_MOTION_BIT_NV) &&
            geometry->range.primitive_count > 0 && geometry->range.primitive_count <= LIMIT_MAX_INSTANCES &&
            geometry->range.primitive_offset % 16 == 0;
 }
@@ -56,10 +81,11 @@ static enum bvhd_status mark_named(const struct input_entry *entry, const struct
                                    unsigned char *marks)
 {
     const struct input_call *call = entry->call;
+    const struct input_records *format = records_of(geometry);
     const unsigned char *records = geometry->instances.records.data + geometry->range.primitive_offset;
     uint64_t last = 0;
     for (uint32_t i = 0; i < geometry->range.primitive_count; i++) {
-        uint64_t handle = bytes_get64(records + (size_t)i * RECORD_SIZE + RECORD_REFERENCE);
+        uint64_t handle = format->reference(records + (size_t)i * format->stride);
         if (handle == last)
             continue;
         last = handle;
@@ -109,20 +135,26 @@ static enum bvhd_status select_references(const struct input_entry *entry, const
     return status;
 }
 
-static enum bvhd_status convert(const struct input_entry *entry, const void *data, struct geometry *geometry)
+enum bvhd_status vulkan_input_convert_records(const struct input_entry *entry, const struct input_records *records,
+                                              const void *data, struct geometry *geometry)
 {
     const VkAccelerationStructureGeometryInstancesDataKHR *instances = data;
     const struct geometry_range *range = &geometry->range;
     uint64_t size = 0;
     /* An array of pointers has no records to read. */
     if (!instances->arrayOfPointers && range->primitive_count <= LIMIT_MAX_INSTANCES)
-        size = vulkan_input_extent(range->primitive_offset, RECORD_SIZE, range->primitive_count, RECORD_SIZE);
+        size = vulkan_input_extent(range->primitive_offset, records->stride, range->primitive_count, records->size);
     geometry->instances.records = vulkan_input_bytes(instances->data.hostAddress, size);
     if (!instances->data.hostAddress || !are_readable(entry, geometry))
         return BVHD_OK;
     enum bvhd_status status =
-        instances->arrayOfPointers ? gather(entry, instances->data.hostAddress, geometry) : BVHD_OK;
+        instances->arrayOfPointers ? gather_all(entry, records, instances->data.hostAddress, geometry) : BVHD_OK;
     return status == BVHD_OK ? select_references(entry, geometry) : status;
+}
+
+static enum bvhd_status convert(const struct input_entry *entry, const void *data, struct geometry *geometry)
+{
+    return vulkan_input_convert_records(entry, &input_records, data, geometry);
 }
 
 bool vulkan_input_own_records(struct vulkan_input *input, uint32_t entry)
@@ -131,11 +163,12 @@ bool vulkan_input_own_records(struct vulkan_input *input, uint32_t entry)
     if (owned->records)
         return true;
     struct geometry *geometry = owned->geometries;
-    uint64_t size = (uint64_t)geometry->range.primitive_count * RECORD_SIZE;
+    const struct bytes given = geometry->instances.records;
+    const uint64_t size = given.size - geometry->range.primitive_offset;
     owned->records = memory_alloc(input->memory, size);
     if (!owned->records)
         return false;
-    memcpy(owned->records, geometry->instances.records.data + geometry->range.primitive_offset, size);
+    memcpy(owned->records, given.data + geometry->range.primitive_offset, size);
     geometry->range.primitive_offset = 0;
     geometry->instances.records = (struct bytes){owned->records, size};
     return true;

@@ -7,9 +7,13 @@
 const struct vulkan_input_kind *vulkan_input_kind_at(enum kind_number number)
 {
     static const struct vulkan_input_kind *const kinds[KIND_COUNT] = {
-        [KIND_TRIANGLES] = &vulkan_input_triangles,         [KIND_AABBS] = &vulkan_input_aabbs,
-        [KIND_INSTANCES] = &vulkan_input_instances,         [KIND_SPHERES] = &vulkan_input_spheres,
+        [KIND_TRIANGLES] = &vulkan_input_triangles,
+        [KIND_AABBS] = &vulkan_input_aabbs,
+        [KIND_INSTANCES] = &vulkan_input_instances,
+        [KIND_SPHERES] = &vulkan_input_spheres,
         [KIND_SWEPT_SPHERES] = &vulkan_input_swept_spheres,
+        [KIND_MOVING_TRIANGLES] = &vulkan_input_moving_triangles,
+        [KIND_MOVING_INSTANCES] = &vulkan_input_moving_instances,
     };
     return kinds[number];
 }

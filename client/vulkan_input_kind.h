@@ -15,7 +15,7 @@ struct entry_memory {
     struct geometry *geometries;
     struct reference *references;
     uint32_t reference_count;
-    unsigned char *records; /* instance records, gathered from pointers */
+    unsigned char *records; /* instance records, gathered from pointers or copied */
 };
 
 struct vulkan_input {
@@ -56,16 +56,19 @@ struct vulkan_input_kind {
     bool is_chained;
     enum bvhd_vuid type_rule; /* about sType of this struct */
     enum bvhd_vuid chain_rule; /* about its pNext; not for chained ones, whose chain is that of the geometry */
+    /* The sType of the struct in its chain that says where the geometry is at t = 1; 0: there is none. */
+    VkStructureType end;
+    enum bvhd_vuid unique_rule; /* about a second such struct */
 
     /*
-     * Converts what describes this kind alone: `data` is its struct. The other members of `geometry` are set;
-     * entry->owned gets the memory that is made.
+     * Converts what describes this kind alone: `data` is its struct, whose chain has been checked. The other members
+     * of `geometry` are set; entry->owned gets the memory that is made.
      */
     enum bvhd_status (*convert)(const struct input_entry *entry, const void *data, struct geometry *geometry);
 };
 
 extern const struct vulkan_input_kind vulkan_input_triangles, vulkan_input_aabbs, vulkan_input_instances,
-    vulkan_input_spheres, vulkan_input_swept_spheres;
+    vulkan_input_spheres, vulkan_input_swept_spheres, vulkan_input_moving_triangles, vulkan_input_moving_instances;
 
 const struct vulkan_input_kind *vulkan_input_kind_at(enum kind_number number);
 

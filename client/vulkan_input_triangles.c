@@ -59,5 +59,7 @@ const struct vulkan_input_kind vulkan_input_triangles = {
     .head = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_GEOMETRY_TRIANGLES_DATA_KHR,
     .type_rule = BVHD_VUID_TrianglesData_sType_sType,
     .chain_rule = BVHD_VUID_TrianglesData_pNext_pNext,
+    .end = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_GEOMETRY_MOTION_TRIANGLES_DATA_NV,
+    .unique_rule = BVHD_VUID_TrianglesData_sType_unique,
     .convert = convert,
 };

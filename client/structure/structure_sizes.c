@@ -13,8 +13,8 @@
 static enum bvhd_status check_instances(const struct build_input *input, struct bvhd_error *error)
 {
     const uint64_t most = limits_default().max_instances;
-    if (input->geometry_count != 1 || input->geometries->type != GEOMETRY_INSTANCES ||
-        input->geometries->range.primitive_count <= most)
+    const struct kind *kind = input->geometry_count == 1 ? kind_find(input->geometries->type) : NULL;
+    if (!kind || !kind->is_top || input->geometries->range.primitive_count <= most)
         return BVHD_OK;
     return bvhd_error_rule(error, BVHD_VUID_03785, "max_primitive_counts[0]", "%u instances, at most %llu",
                            input->geometries->range.primitive_count, (unsigned long long)most);

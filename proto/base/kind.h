@@ -53,7 +53,13 @@ struct kind {
     uint64_t (*vertices)(const struct geometry *geometry);
 };
 
-/* Returns the kind with this VkGeometryTypeKHR, or NULL for a type of which bvhd builds nothing. */
+/* Returns the kind of this GEOMETRY_ type, or NULL for a type of which bvhd builds nothing. */
 const struct kind *kind_find(uint32_t type);
+
+/*
+ * Returns the kind with this VkGeometryTypeKHR that moves, or the one that does not; NULL if there is none. bvhd's own
+ * types are none of Vulkan's.
+ */
+const struct kind *kind_find_vulkan(uint32_t vulkan_type, bool moves);
 
 #endif
