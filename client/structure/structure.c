@@ -10,7 +10,7 @@
 #include "proto/base/vulkan_name.h"
 
 /* Structs that may follow the create info; numbers, because installed headers are often older. */
-enum { MOTION_INFO = 1000327001, OPAQUE_CAPTURE = 1000316005, STRUCTURE_OPACITY_MICROMAP = 1000623000 };
+enum { MOTION_INFO = 1000327002, OPAQUE_CAPTURE = 1000316005, STRUCTURE_OPACITY_MICROMAP = 1000623000 };
 
 /* VkAccelerationStructureCreateFlagBitsKHR */
 enum { CREATE_ADDRESS_REPLAY = 1, CREATE_MOTION = 4, CREATE_DESCRIPTOR_REPLAY = 8, CREATE_KNOWN = 13 };
@@ -51,16 +51,15 @@ enum bvhd_status structure_check_head(const struct structure_head *head, const v
 
 /* ---- creation ---- */
 
-/* Checks the structs that follow: two are known, each at most once. */
-static enum bvhd_status check_chain(const VkAccelerationStructureCreateInfoKHR *info, bool *ret_motion,
-                                    struct bvhd_error *error)
+/* Checks the structs that follow: two are known, each at most once. *ret_motion is NULL or the one about motion. */
+static enum bvhd_status check_chain(const VkAccelerationStructureCreateInfoKHR *info,
+                                    const VkAccelerationStructureMotionInfoNV **ret_motion, struct bvhd_error *error)
 {
-    bool is_capture = false;
-    *ret_motion = false;
+    const void *motion = NULL, *capture = NULL;
     for (const VkBaseInStructure *next = info->pNext; next; next = next->pNext) {
-        bool *seen = (uint32_t)next->sType == MOTION_INFO      ? ret_motion
-                     : (uint32_t)next->sType == OPAQUE_CAPTURE ? &is_capture
-                                                               : NULL;
+        const void **seen = (uint32_t)next->sType == MOTION_INFO      ? &motion
+                            : (uint32_t)next->sType == OPAQUE_CAPTURE ? &capture
+                                                                      : NULL;
         if (!seen)
             return bvhd_error_rule(error, BVHD_VUID_CreateInfo_pNext_pNext, "info.pNext",
                                    "a struct whose sType is %s does not belong here",
@@ -68,17 +67,29 @@ static enum bvhd_status check_chain(const VkAccelerationStructureCreateInfoKHR *
         if (*seen)
             return bvhd_error_rule(error, BVHD_VUID_CreateInfo_sType_unique, "info.pNext",
                                    "two structs have the sType %u", (unsigned)next->sType);
-        *seen = true;
+        *seen = next;
     }
-    if (is_capture && !(info->createFlags & CREATE_DESCRIPTOR_REPLAY))
+    *ret_motion = motion;
+    if (capture && !(info->createFlags & CREATE_DESCRIPTOR_REPLAY))
         return bvhd_error_rule(error, BVHD_VUID_08109, "info.pNext",
                                "a descriptor to replay needs the flag DESCRIPTOR_BUFFER_CAPTURE_REPLAY");
     return BVHD_OK;
 }
 
-/* Flags of features that are not enabled, because bvhd has none of them. */
-static enum bvhd_status check_flags(const VkAccelerationStructureCreateInfoKHR *info, bool has_motion,
-                                    struct bvhd_error *error)
+static enum bvhd_status check_motion_info(const VkAccelerationStructureCreateInfoKHR *info,
+                                          const VkAccelerationStructureMotionInfoNV *motion, struct bvhd_error *error)
+{
+    if (motion && motion->flags != 0)
+        return bvhd_error_rule(error, BVHD_VUID_MotionInfo_flags_zerobitmask, "info.pNext.flags",
+                               "flags is 0x%x, and none is defined", motion->flags);
+    if (info->createFlags & CREATE_MOTION && info->type == VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR && !motion)
+        return bvhd_error_rule(error, BVHD_VUID_04954, "info.pNext",
+                               "a top level with motion needs VkAccelerationStructureMotionInfoNV");
+    return BVHD_OK;
+}
+
+/* Flags of capture and replay belong to features that are not enabled, because bvhd has none of them. */
+static enum bvhd_status check_flags(const VkAccelerationStructureCreateInfoKHR *info, struct bvhd_error *error)
 {
     const uint32_t flags = info->createFlags;
     if (flags & ~(uint32_t)CREATE_KNOWN)
@@ -93,23 +104,18 @@ static enum bvhd_status check_flags(const VkAccelerationStructureCreateInfoKHR *
     if (flags & CREATE_DESCRIPTOR_REPLAY)
         return bvhd_error_rule(error, BVHD_VUID_08108, "info.createFlags",
                                "the feature descriptorBufferCaptureReplay is not offered");
-    if (flags & CREATE_MOTION && info->type == VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR && !has_motion)
-        return bvhd_error_rule(error, BVHD_VUID_04954, "info.pNext",
-                               "a top level with motion needs VkAccelerationStructureMotionInfoNV");
-    if (flags & CREATE_MOTION)
-        return bvhd_error_set(error, BVHD_UNSUPPORTED, "info.createFlags", "flag MOTION is not supported");
     return BVHD_OK;
 }
 
-static enum bvhd_status check_create(const VkAccelerationStructureCreateInfoKHR *info, struct bvhd_error *error)
+static enum bvhd_status check_create(const VkAccelerationStructureCreateInfoKHR *info,
+                                     const VkAccelerationStructureMotionInfoNV **ret_motion, struct bvhd_error *error)
 {
     static const struct structure_head head = {VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_CREATE_INFO_KHR,
                                                BVHD_VUID_CreateInfo_sType_sType, BVHD_VUID_CreateInfo_pNext_pNext,
                                                "info"};
-    bool has_motion;
     enum bvhd_status status = check_type(&head, info->sType, error);
     if (status == BVHD_OK)
-        status = check_chain(info, &has_motion, error);
+        status = check_chain(info, ret_motion, error);
     if (status != BVHD_OK)
         return status;
     if ((uint32_t)info->type == STRUCTURE_OPACITY_MICROMAP)
@@ -117,7 +123,9 @@ static enum bvhd_status check_create(const VkAccelerationStructureCreateInfoKHR 
     if ((uint32_t)info->type > STRUCTURE_GENERIC)
         return bvhd_error_rule(error, BVHD_VUID_CreateInfo_type_parameter, "info.type",
                                "type is %u, which is no VkAccelerationStructureTypeKHR", (unsigned)info->type);
-    status = check_flags(info, has_motion, error);
+    status = check_flags(info, error);
+    if (status == BVHD_OK)
+        status = check_motion_info(info, *ret_motion, error);
     if (status == BVHD_OK && info->offset % 256 != 0)
         status = bvhd_error_rule(error, BVHD_VUID_03734, "info.offset", "%llu is no multiple of 256",
                                  (unsigned long long)info->offset);
@@ -127,18 +135,24 @@ static enum bvhd_status check_create(const VkAccelerationStructureCreateInfoKHR 
 enum bvhd_status bvhd_structure_create(const VkAccelerationStructureCreateInfoKHR *info,
                                        struct bvhd_structure **ret_structure, struct bvhd_error *ret_error)
 {
+    const VkAccelerationStructureMotionInfoNV *motion = NULL;
     enum bvhd_status status = structure_check_argument(info, "info", BVHD_VUID_Create_pCreateInfo_parameter, ret_error);
     if (status == BVHD_OK)
         status = structure_check_argument(ret_structure, "ret_structure",
                                           BVHD_VUID_Create_pAccelerationStructure_parameter, ret_error);
     if (status == BVHD_OK)
-        status = check_create(info, ret_error);
+        status = check_create(info, &motion, ret_error);
     if (status != BVHD_OK)
         return status;
     struct bvhd_structure *structure = memory_alloc(&library_memory, sizeof *structure);
     if (!structure)
         return bvhd_error_no_memory(ret_error, "structure", "no memory for it");
-    *structure = (struct bvhd_structure){.type = (uint32_t)info->type, .size = info->size};
+    *structure = (struct bvhd_structure){
+        .type = (uint32_t)info->type,
+        .size = info->size,
+        .moves = (info->createFlags & CREATE_MOTION) != 0,
+        .max_instances = motion ? motion->maxInstances : UINT64_MAX,
+    };
     *ret_structure = structure;
     return BVHD_OK;
 }
@@ -158,6 +172,11 @@ void bvhd_structure_destroy(struct bvhd_structure *structure)
 bool structure_takes(const struct bvhd_structure *structure, uint32_t type)
 {
     return structure->type == STRUCTURE_GENERIC || type == STRUCTURE_GENERIC || structure->type == type;
+}
+
+bool structure_takes_motion(const struct bvhd_structure *structure, uint32_t flags)
+{
+    return structure->moves == ((flags & BUILD_MOTION) != 0);
 }
 
 void structure_release(const struct structure_contents *contents)
@@ -252,6 +271,24 @@ static enum bvhd_status check_created_type(const struct bvhd_structure *structur
                            is_top ? "top" : "bottom");
 }
 
+/* Checks that the object was created with motion exactly if the info has motion, and for as many instances. */
+static enum bvhd_status check_motion(const struct bvhd_structure *structure,
+                                     const VkAccelerationStructureBuildGeometryInfoKHR *info,
+                                     const VkAccelerationStructureBuildRangeInfoKHR *ranges, struct bvhd_error *error)
+{
+    if (!structure_takes_motion(structure, info->flags) && structure->moves)
+        return bvhd_error_rule(error, BVHD_VUID_04927, "info.flags", "the destination was created with MOTION");
+    if (!structure_takes_motion(structure, info->flags))
+        return bvhd_error_rule(error, BVHD_VUID_04928, "info.dstAccelerationStructure",
+                               "it was created without MOTION");
+    const bool is_limited = structure->moves && info->type == VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR;
+    if (is_limited && info->geometryCount > 0 && ranges[0].primitiveCount > structure->max_instances)
+        return bvhd_error_set(error, BVHD_INVALID, "info.dstAccelerationStructure",
+                              "it was created for %llu motion instances, and the build has %u",
+                              (unsigned long long)structure->max_instances, ranges[0].primitiveCount);
+    return BVHD_OK;
+}
+
 /* Checks that the result is one of the info, and reads it. */
 static enum bvhd_status read_result(const struct bvhd_result *result,
                                     const VkAccelerationStructureBuildGeometryInfoKHR *info,
@@ -277,6 +314,8 @@ static enum bvhd_status hold(struct bvhd_structure *structure, const VkAccelerat
 {
     struct structure_contents contents;
     enum bvhd_status status = check_created_type(structure, (uint32_t)info->type, error);
+    if (status == BVHD_OK)
+        status = check_motion(structure, info, ranges, error);
     if (status == BVHD_OK)
         status = read_result(result, info, &contents, error);
     if (status != BVHD_OK)

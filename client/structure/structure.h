@@ -28,6 +28,8 @@ struct structure_contents {
 struct bvhd_structure {
     uint32_t type; /* as created */
     uint64_t size;
+    bool moves; /* created with the flag MOTION */
+    uint64_t max_instances; /* of a top level that moves; UINT64_MAX: any number */
     struct structure_contents contents;
 };
 
@@ -48,8 +50,11 @@ enum bvhd_status structure_check_head(const struct structure_head *head, const v
 enum bvhd_status structure_check_argument(const void *argument, const char *name, enum bvhd_vuid rule,
                                           struct bvhd_error *error);
 
-/* Checks that an object may hold a structure of this type. */
+/* Returns whether an object may hold a structure of this type. */
 bool structure_takes(const struct bvhd_structure *structure, uint32_t type);
+
+/* Returns whether an object was created with MOTION exactly if a structure was built with it, by these flags. */
+bool structure_takes_motion(const struct bvhd_structure *structure, uint32_t flags);
 
 /* Returns whether serialized bytes with these UUIDs can be read; `format` may be NULL. */
 bool structure_is_compatible(const uint8_t uuids[2 * VK_UUID_SIZE], const struct bvhd_format *format);

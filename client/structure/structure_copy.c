@@ -49,12 +49,18 @@ static enum bvhd_status check_room(const struct bvhd_structure *structure, uint6
                            (unsigned long long)structure->size, (unsigned long long)needed);
 }
 
-static enum bvhd_status check_type(const struct bvhd_structure *structure, uint32_t type, struct bvhd_error *error)
+/* A copy is made into an object that was created for such a structure: for its type, and with motion if it moves. */
+static enum bvhd_status check_created(const struct bvhd_structure *structure, const struct structure_contents *contents,
+                                      struct bvhd_error *error)
 {
-    if (structure_takes(structure, type))
-        return BVHD_OK;
-    return bvhd_error_set(error, BVHD_INVALID, "info.dst", "it was created as a %s level, and the source is the other",
-                          structure->type == STRUCTURE_TOP ? "top" : "bottom");
+    if (!structure_takes(structure, contents->type))
+        return bvhd_error_set(error, BVHD_INVALID, "info.dst",
+                              "it was created as a %s level, and the source is the other",
+                              structure->type == STRUCTURE_TOP ? "top" : "bottom");
+    if (!structure_takes_motion(structure, contents->flags))
+        return bvhd_error_set(error, BVHD_INVALID, "info.dst", "it was created %s MOTION, and the source was built %s",
+                              structure->moves ? "with" : "without", structure->moves ? "without" : "with");
+    return BVHD_OK;
 }
 
 /* ---- clone, compact ---- */
@@ -86,7 +92,7 @@ static enum bvhd_status check_ends(const VkCopyAccelerationStructureInfoKHR *inf
     if (status == BVHD_OK && compacts && !(source->contents.flags & BUILD_ALLOW_COMPACTION))
         status = bvhd_error_rule(error, BVHD_VUID_03411, "info.src", "it was built without ALLOW_COMPACTION");
     if (status == BVHD_OK)
-        status = check_type(destination, source->contents.type, error);
+        status = check_created(destination, &source->contents, error);
     if (status == BVHD_OK)
         status =
             check_room(destination, source->contents.body_size, compacts ? BVHD_VUID_12419 : BVHD_VUID_12418, error);
@@ -242,7 +248,7 @@ static enum bvhd_status check_read(const struct bvhd_structure *structure, const
 {
     if (!structure_is_compatible(bvhd_blob_data(contents->blob), format))
         return bvhd_error_rule(error, BVHD_VUID_03414, "info.src", "it was made for another driver or version");
-    enum bvhd_status status = check_type(structure, contents->type, error);
+    enum bvhd_status status = check_created(structure, contents, error);
     return status == BVHD_OK ? check_room(structure, contents->body_size, BVHD_VUID_03746, error) : status;
 }
 

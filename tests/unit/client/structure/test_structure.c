@@ -19,13 +19,15 @@ static void every_rule_of_creation_is_named(void **state)
 {
     (void)state;
     static const VkBaseInStructure stray = {.sType = VK_STRUCTURE_TYPE_APPLICATION_INFO};
-    VkBaseInStructure motion = {.sType = (VkStructureType)1000327001}, capture = {.sType = (VkStructureType)1000316005},
-                      second = {.sType = (VkStructureType)1000327001};
+    VkAccelerationStructureMotionInfoNV motion = {.sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_MOTION_INFO_NV},
+                                        second = motion;
+    VkBaseInStructure capture = {.sType = (VkStructureType)1000316005};
     VkAccelerationStructureCreateInfoKHR info;
 #define CREATE "VUID-VkAccelerationStructureCreateInfoKHR-"
 #define RULE(change, rule, where)                                                                                      \
     STRUCTURE_RULE(&bed, info = structure_bed_create_info(VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR, 1000);         \
-                   info.offset = 512; motion.pNext = NULL; info.pNext = &motion, change, create(&info), rule, where)
+                   info.offset = 512; motion.pNext = NULL; motion.flags = 0;                                           \
+                   info.pNext = &motion, change, create(&info), rule, where)
     RULE(info.sType = 0, CREATE "sType-sType", "info.sType");
     RULE(info.pNext = &stray, CREATE "pNext-pNext", "info.pNext");
     RULE(motion.pNext = &second, CREATE "sType-unique", "info.pNext");
@@ -38,12 +40,18 @@ static void every_rule_of_creation_is_named(void **state)
     RULE(info.createFlags = 1; info.deviceAddress = 256, CREATE "createFlags-03613", "info.createFlags");
     RULE(info.createFlags = 8; info.pNext = &capture, CREATE "createFlags-08108", "info.createFlags");
     RULE(info.createFlags = 4; info.pNext = NULL, CREATE "flags-04954", "info.pNext");
+    RULE(motion.flags = 1, "VUID-VkAccelerationStructureMotionInfoNV-flags-zerobitmask", "info.pNext.flags");
     RULE(info.offset = 128, CREATE "offset-03734", "info.offset");
 #undef RULE
     info.offset = 0;
-    info.createFlags = 4; /* with the struct that it needs: valid, but motion is not there */
+    info.createFlags = 4;
     info.pNext = &motion;
-    assert_int_equal(create(&info), BVHD_UNSUPPORTED);
+    assert_int_equal(create(&info), BVHD_OK);
+    info.pNext = NULL;
+    info.type = VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR; /* which needs no such struct */
+    assert_int_equal(create(&info), BVHD_OK);
+    info.type = VK_ACCELERATION_STRUCTURE_TYPE_GENERIC_KHR;
+    assert_int_equal(create(&info), BVHD_OK);
     structure_bed_refused(&bed, "NULL", create(NULL), "VUID-vkCreateAccelerationStructureKHR-pCreateInfo-parameter",
                           "info");
     structure_bed_refused(&bed, "NULL", bvhd_structure_create(&info, NULL, &bed.error),
@@ -114,6 +122,51 @@ static void results_are_held_by_their_rules(void **state)
                      BVHD_OK);
     bvhd_structure_destroy(exact);
     bvhd_structure_destroy(less);
+    structure_bed_stop(&bed);
+}
+
+static struct bvhd_structure *create_moving(VkAccelerationStructureTypeKHR type, uint32_t max_instances)
+{
+    const VkAccelerationStructureMotionInfoNV motion = {
+        .sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_MOTION_INFO_NV, .maxInstances = max_instances};
+    VkAccelerationStructureCreateInfoKHR info = structure_bed_create_info(type, UINT64_MAX);
+    struct bvhd_structure *structure = NULL;
+    info.createFlags = VK_ACCELERATION_STRUCTURE_CREATE_MOTION_BIT_NV;
+    info.pNext = &motion;
+    assert_int_equal(bvhd_structure_create(&info, &structure, NULL), BVHD_OK);
+    return structure;
+}
+
+/* Objects with motion hold what moves, and others what does not. */
+static void motion_is_held_by_its_rules(void **state)
+{
+    (void)state;
+    structure_bed_start(&bed, 0, TARGET_PORTABLE);
+    struct bvhd_structure *bottom = create_moving(VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR, 0),
+                          *top = create_moving(VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR, STRUCTURE_INSTANCES - 1),
+                          *into;
+    VkAccelerationStructureBuildGeometryInfoKHR info;
+#define BUILD "VUID-VkAccelerationStructureBuildGeometryInfoKHR-"
+#define RULE(change, rule, where)                                                                                      \
+    STRUCTURE_RULE(&bed, into = bed.holds_bottom;                                                                      \
+                   info = bed.bottom.info, change,                                                                     \
+                   bvhd_structure_hold(into, &info, &bed.bottom.range, &bed.bottom.result, &bed.error), rule, where)
+    RULE(into = bottom, BUILD "dstAccelerationStructure-04927", "info.flags");
+    RULE(info.flags |= VK_BUILD_ACCELERATION_STRUCTURE_MOTION_BIT_NV, BUILD "flags-04928",
+         "info.dstAccelerationStructure");
+#undef RULE
+    info = bed.top.info;
+    info.flags |= VK_BUILD_ACCELERATION_STRUCTURE_MOTION_BIT_NV;
+    structure_bed_refused(&bed, "an instance too many",
+                          bvhd_structure_hold(top, &info, &bed.top.range, &bed.top.result, &bed.error), "",
+                          "info.dstAccelerationStructure");
+    VkCopyAccelerationStructureInfoKHR copy = {.sType = VK_STRUCTURE_TYPE_COPY_ACCELERATION_STRUCTURE_INFO_KHR,
+                                               .src = bvhd_structure_handle(bed.holds_bottom),
+                                               .dst = bvhd_structure_handle(bottom),
+                                               .mode = VK_COPY_ACCELERATION_STRUCTURE_MODE_CLONE_KHR};
+    structure_bed_refused(&bed, "a copy", bvhd_structure_copy(&copy, &bed.error), "", "info.dst");
+    bvhd_structure_destroy(bottom);
+    bvhd_structure_destroy(top);
     structure_bed_stop(&bed);
 }
 
@@ -198,6 +251,7 @@ int main(void)
         cmocka_unit_test(every_rule_of_creation_is_named),
         cmocka_unit_test(new_objects_are_empty),
         cmocka_unit_test(results_are_held_by_their_rules),
+        cmocka_unit_test(motion_is_held_by_its_rules),
         cmocka_unit_test(updates_of_compacted_structures_need_their_size),
         cmocka_unit_test(errors_of_results_are_passed_on),
     };

@@ -264,7 +264,9 @@ static void change_bytes(VkGeometryTypeKHR type)
         if (status == BVHD_OK)
             continue;
         const struct bvhd_structure_state after = state_of(bed.spare);
-        assert_true(status == BVHD_INVALID && bed.error.vuid != BVHD_VUID_NONE);
+        /* Vulkan has no rule about bytes that say MOTION, and an object without. */
+        assert_true(status == BVHD_INVALID &&
+                    (bed.error.vuid != BVHD_VUID_NONE || strcmp(bed.error.where, "info.dst") == 0));
         assert_ptr_equal(after.data, before.data);
         refused++;
     }
