@@ -96,9 +96,9 @@ BVHD_API enum bvhd_status bvhd_structure_sizes(const struct bvhd_structure_sizes
 /*
  * Creates an object that is empty (vkCreateAccelerationStructureKHR). `type` may be GENERIC: the object then may hold
  * either type. `buffer` is ignored. Of the create flags, MOTION can be used: such an object holds only what was built
- * with the flag MOTION, and a top level's info then has a VkAccelerationStructureMotionInfoNV in its chain with the most
- * instances that it is to have. The flags of capture and replay belong to features that are not offered. The caller
- * destroys the object with bvhd_structure_destroy.
+ * with the flag MOTION, and a top level's info then has a VkAccelerationStructureMotionInfoNV in its chain, with the
+ * most instances that it is to have. The flags of capture and replay belong to features that are not offered. The
+ * caller destroys the object with bvhd_structure_destroy.
  */
 BVHD_API enum bvhd_status bvhd_structure_create(const VkAccelerationStructureCreateInfoKHR *info,
                                                 struct bvhd_structure **ret_structure, struct bvhd_error *ret_error);
