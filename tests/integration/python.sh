@@ -36,7 +36,7 @@ cat >two.gltf <<'END'
 END
 export BVHD_CONTAINER="$scratch/two.bvhd"
 expect_quietly 'a container' "$build/client/bvhctl/bvhctl" build two.gltf -o "$BVHD_CONTAINER"
-for name in test_structs test_client test_local test_cpu test_round; do
+for name in test_structs test_client test_local test_cpu test_round test_motion; do
     # Warnings, such as those about files that are not closed, are errors.
     expect_quietly "tests/python/$name.py" env -C "$source/tests/python" "$python" -W error -m unittest $name
     expect "$name has tests" grep -q '^Ran [1-9]' log

@@ -32,6 +32,7 @@ STRUCTS = {
     _structs.CpuTrace: "struct bvhd_cpu_trace",
     _structs.SceneStructure: "struct bvhd_scene_structure",
     _structs.TrianglesData: "VkAccelerationStructureGeometryTrianglesDataKHR",
+    _structs.MotionTrianglesData: "VkAccelerationStructureGeometryMotionTrianglesDataNV",
     _structs.AabbsData: "VkAccelerationStructureGeometryAabbsDataKHR",
     _structs.InstancesData: "VkAccelerationStructureGeometryInstancesDataKHR",
     _structs.SpheresData: "VkAccelerationStructureGeometrySpheresDataNV",
@@ -64,6 +65,9 @@ ENUMS = {
 # Flags that Vulkan's headers of Debian 12 lack.
 NEWER = {"ALLOW_DATA_ACCESS"}
 
+# Flags that have another suffix than most.
+NVIDIA = {"MOTION"}
+
 
 def has_c_name(member: enum.IntEnum) -> bool:
     return not (isinstance(member, enum.IntFlag) and (member == 0 or member.name in NEWER))
@@ -86,11 +90,25 @@ def rows():
     for kind, pattern in ENUMS.items():
         for member in kind:
             if has_c_name(member):
-                yield pattern.format(member.name), int(member)
+                name = pattern.format(member.name)
+                yield name.replace("KHR", "NV") if member.name in NVIDIA else name, int(member)
     yield "BVHD_STATUS_COUNT", len(bvhd.Status)
     yield "sizeof(VkAccelerationStructureInstanceKHR)", _structs.INSTANCE.itemsize
     offset = _structs.INSTANCE.fields["reference"][1]
     yield "offsetof(VkAccelerationStructureInstanceKHR, accelerationStructureReference)", offset
+    record = "VkAccelerationStructureMotionInstanceNV"
+    kinds = (
+        ("staticInstance.transform", ""),
+        ("matrixMotionInstance.transformT0", "matrixMotionInstance.transformT1"),
+        ("srtMotionInstance.transformT0", "srtMotionInstance.transformT1"),
+    )
+    for kind, (start, end) in enumerate(kinds):
+        fields = _structs.MOTION_INSTANCES[kind].fields
+        reference = start.split(".", maxsplit=1)[0] + ".accelerationStructureReference"
+        yield f"offsetof({record}, data.{start})", fields["transform"][1]
+        yield f"offsetof({record}, data.{reference})", fields["reference"][1]
+        if end:
+            yield f"offsetof({record}, data.{end})", fields["end_transform"][1]
 
 
 class StructsTest(unittest.TestCase):

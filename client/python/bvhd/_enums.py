@@ -104,6 +104,7 @@ class BuildFlags(enum.IntFlag):
     PREFER_FAST_TRACE = 0x4
     PREFER_FAST_BUILD = 0x8
     LOW_MEMORY = 0x10
+    MOTION = 0x20
     ALLOW_DATA_ACCESS = 0x800
 
 

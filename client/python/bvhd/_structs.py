@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes as c
+from typing import Any
 
 import numpy as np
 
@@ -113,6 +114,16 @@ class TrianglesData(c.Structure):
         ("indexType", c.c_int),
         ("indexData", c.c_void_p),
         ("transformData", c.c_void_p),
+    ]
+
+
+class MotionTrianglesData(c.Structure):
+    """VkAccelerationStructureGeometryMotionTrianglesDataNV"""
+
+    _fields_ = [
+        ("sType", c.c_int),
+        ("pNext", c.c_void_p),
+        ("vertexData", c.c_void_p),
     ]
 
 
@@ -370,4 +381,38 @@ INSTANCE = np.dtype(
         ("offset_and_flags", "<u4"),
         ("reference", "<u8"),
     ]
+)
+
+
+def _motion_instance(numbers: tuple[int, ...], end: int) -> Any:
+    """Returns the form of VkAccelerationStructureMotionInstanceNV for one of its types.
+
+    numbers: the shape of a transform. end: where that of the time 1 is; 0 if there is none.
+    """
+    size = 4 * int(np.prod(numbers))
+    behind = size + (end or 8)
+    fields = {
+        "type": ("<u4", 0),
+        "transform": (("<f4", numbers), 8),
+        "index_and_mask": ("<u4", behind),
+        "offset_and_flags": ("<u4", behind + 4),
+        "reference": ("<u8", behind + 8),
+    }
+    if end:
+        fields["end_transform"] = (("<f4", numbers), end)
+    return np.dtype(
+        {
+            "names": list(fields),
+            "formats": [form for form, _ in fields.values()],
+            "offsets": [offset for _, offset in fields.values()],
+            "itemsize": 160,
+        }
+    )
+
+
+# The records of the types STATIC, MATRIX_MOTION and SRT_MOTION, by their numbers.
+MOTION_INSTANCES = (
+    _motion_instance((3, 4), 0),
+    _motion_instance((3, 4), 56),
+    _motion_instance((16,), 72),
 )

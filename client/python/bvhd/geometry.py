@@ -32,6 +32,7 @@ _STYPE_AABBS = 1000150003
 _STYPE_INSTANCES = 1000150004
 _STYPE_TRIANGLES = 1000150005
 _STYPE_GEOMETRY = 1000150006
+_STYPE_MOTION_TRIANGLES = 1000327000
 _STYPE_SWEPT_SPHERES = 1000429009
 _STYPE_SPHERES = 1000429010
 _TYPE_SPHERES = 1000429004
@@ -100,6 +101,22 @@ def _vertices(
     return array, vertex_format
 
 
+def _end_vertices(
+    end_vertices: npt.ArrayLike, vertices: Array, wanted: Optional[VertexFormat]
+) -> tuple[Array, Array]:
+    """Returns the vertices at the time 1, and those at 0, with their rows equally far apart."""
+    array = np.asarray(end_vertices)
+    if array.shape != vertices.shape or array.dtype != vertices.dtype:
+        raise ValueError(
+            f"end_vertices: an array of shape {array.shape} and type {array.dtype} differs from"
+            f" that of the vertices, {vertices.shape} and {vertices.dtype}"
+        )
+    array, _ = _vertices(array, wanted)
+    if _stride(array) == _stride(vertices):
+        return array, vertices
+    return np.ascontiguousarray(array), np.ascontiguousarray(vertices)
+
+
 def _indices(indices: npt.ArrayLike, columns: int) -> Array:
     """Returns the indices one after the other: of each primitive, that many."""
     array = np.asarray(indices)
@@ -140,6 +157,8 @@ class Triangles:
         is not read.
     indices: integers of shape (m, 3) or (3 * m,); without them each three vertices are a triangle.
     transform: a matrix of 3 rows and 4 columns, which is applied to the vertices.
+    end_vertices: where the vertices are at the time 1, in an array of the same shape and type;
+        `vertices` then says where they are at the time 0, and they move between in straight lines.
     """
 
     vertices: npt.ArrayLike
@@ -147,19 +166,27 @@ class Triangles:
     transform: Optional[npt.ArrayLike] = None
     flags: GeometryFlags = GeometryFlags.NONE
     vertex_format: Optional[VertexFormat] = None
+    end_vertices: Optional[npt.ArrayLike] = None
 
     def _fill(self, geometry: s.Geometry, extent: s.Range) -> list[Any]:
         """Fills Vulkan's structs, and returns what they point to."""
         vertices, vertex_format = _vertices(self.vertices, self.vertex_format)
+        ends = None
+        if self.end_vertices is not None:
+            ends, vertices = _end_vertices(self.end_vertices, vertices, self.vertex_format)
+        count = len(vertices)
         # The library may read the vertex maxVertex, which cannot be less than 0.
-        if len(vertices) == 0:
+        if count == 0:
             vertices = np.zeros((1,) + vertices.shape[1:], vertices.dtype)
-            count = 0
-        else:
-            count = len(vertices)
+            ends = vertices if ends is not None else None
         kept: list[Any] = [vertices]
         geometry.geometryType = 0
         triangles = geometry.geometry.triangles
+        if ends is not None:
+            data = s.MotionTrianglesData(sType=_STYPE_MOTION_TRIANGLES)
+            data.vertexData = ends.ctypes.data
+            triangles.pNext = c.addressof(data)
+            kept += [data, ends]
         triangles.sType = _STYPE_TRIANGLES
         triangles.vertexFormat = vertex_format
         triangles.vertexData = vertices.ctypes.data
@@ -322,6 +349,8 @@ GEOMETRIES = (Triangles, Aabbs, Spheres, SweptSpheres)
 class BottomLevel:
     """A structure over geometries of one kind: triangles, boxes, spheres or swept spheres.
 
+    With triangles that have end_vertices it has BuildFlags.MOTION; others in it stand still.
+
     source: the result that this one updates, or a reference to it: the same geometries, moved. It
         was built with BuildFlags.ALLOW_UPDATE, and so is this one.
     """
@@ -330,6 +359,10 @@ class BottomLevel:
     flags: BuildFlags = BuildFlags.NONE
     source: Optional[Any] = None
     handle: int = field(default_factory=lambda: next(_handles), init=False)
+
+    def __post_init__(self) -> None:
+        if any(getattr(geometry, "end_vertices", None) is not None for geometry in self.geometries):
+            object.__setattr__(self, "flags", self.flags | BuildFlags.MOTION)
 
 
 @dataclass(frozen=True, eq=False)
@@ -371,6 +404,11 @@ class TopLevel:
     which: for each instance, the index of its structure. By default every structure has one.
     transforms: float32 of shape (n, 3, 4), from the structure's space to this one's; by default the
         identity.
+    end_transforms: of the same shape, at the time 1; `transforms` then are those at the time 0, and
+        each number moves between in a straight line. With shape (n, 16) both are the numbers of
+        VkSRTDataNV, of which instances turn: sx, a, b, pvx, sy, c, pvy, sz, pvz, qx, qy, qz, qw,
+        tx, ty, tz. The structure gets BuildFlags.MOTION, which it also needs, without
+        end_transforms, over a structure that has it.
     custom_indices, masks, record_offsets, instance_flags: one number for all, or an array of n.
     source: the top level that this one updates, as for BottomLevel: as many instances.
     """
@@ -381,6 +419,7 @@ class TopLevel:
         which: Optional[npt.ArrayLike] = None,
         *,
         transforms: Optional[npt.ArrayLike] = None,
+        end_transforms: Optional[npt.ArrayLike] = None,
         custom_indices: npt.ArrayLike = 0,
         masks: npt.ArrayLike = 0xFF,
         record_offsets: npt.ArrayLike = 0,
@@ -391,7 +430,7 @@ class TopLevel:
     ) -> None:
         self.structures = list(structures)
         self.source = source
-        self.flags = flags
+        self.flags = flags if end_transforms is None else flags | BuildFlags.MOTION
         self.geometry_flags = geometry_flags
         self.handle = next(_handles)
         chosen = np.arange(len(self.structures)) if which is None else np.asarray(which)
@@ -404,8 +443,7 @@ class TopLevel:
             self.structures
         ):
             raise ValueError(f"which: a number is none of 0 .. {len(self.structures) - 1}")
-        records = np.zeros(len(chosen), s.INSTANCE)
-        records["transform"] = np.eye(3, 4) if transforms is None else np.asarray(transforms)
+        records = _records(len(chosen), self.flags, transforms, end_transforms)
         records["index_and_mask"] = _word("custom_indices", custom_indices, "masks", masks)
         records["offset_and_flags"] = _word(
             "record_offsets", record_offsets, "instance_flags", instance_flags
@@ -422,6 +460,35 @@ class TopLevel:
         instances.data = self.records.ctypes.data
         extent.primitiveCount = len(self.records)
         return [self.records]
+
+
+def _records(
+    count: int,
+    flags: BuildFlags,
+    transforms: Optional[npt.ArrayLike],
+    end_transforms: Optional[npt.ArrayLike],
+) -> Array:
+    """Makes the records of instances with their transforms: in Vulkan's form for these flags."""
+    start: Array = np.eye(3, 4) if transforms is None else np.asarray(transforms, np.float32)
+    records: Array
+    if not flags & BuildFlags.MOTION:
+        records = np.zeros(count, s.INSTANCE)
+    elif end_transforms is None:
+        records = np.zeros(count, s.MOTION_INSTANCES[0])
+    else:
+        end: Array = np.asarray(end_transforms, np.float32)
+        kind = 2 if end.shape[-1:] == (16,) else 1
+        records = np.zeros(count, s.MOTION_INSTANCES[kind])
+        records["type"] = kind
+        records["end_transform"] = end
+    if start.shape[-1:] != records.dtype["transform"].shape[-1:]:
+        raise ValueError(
+            f"transforms: an array of shape {start.shape} has another form than end_transforms"
+            if end_transforms is not None
+            else f"transforms: an array of shape {start.shape} is not (n, 3, 4)"
+        )
+    records["transform"] = start
+    return records
 
 
 def _word(low_name: str, low: npt.ArrayLike, high_name: str, high: npt.ArrayLike) -> Array:

@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Tests of triangles and instances that move, by their structs and by rays at several times."""
+import ctypes as c
+import unittest
+
+import numpy as np
+
+import bvhd
+from bvhd import _structs as s
+from test_client import CORNERS, FACES
+
+SHIFT = np.array([1, 2, 3], np.float32)
+SRT = dict.fromkeys(
+    "sx a b pvx sy c pvy sz pvz qx qy qz qw tx ty tz".split(),
+    0.0,
+)
+
+
+def srt(**numbers):
+    """The 16 numbers of a VkSRTDataNV: those of the identity, and what is given instead."""
+    return list({**SRT, "sx": 1, "sy": 1, "sz": 1, "qw": 1, **numbers}.values())
+
+
+def fill(geometry):
+    """Returns Vulkan's struct of a geometry, and what keeps its memory."""
+    struct, extent = s.Geometry(), s.Range()
+    return struct, extent, geometry._fill(struct, extent)
+
+
+def floats(address, stride, count):
+    """Reads the first three floats of rows."""
+    rows = [(c.c_float * 3).from_address(address + stride * i) for i in range(count)]
+    return np.array([list(row) for row in rows])
+
+
+class DescriptionTest(unittest.TestCase):
+    def end_of(self, geometry):
+        """Checks the struct of motion triangles; returns the vertices at both times."""
+        struct, extent, kept = fill(geometry)
+        data = struct.geometry.triangles
+        end = s.MotionTrianglesData.from_address(data.pNext)
+        self.assertEqual((end.sType, end.pNext), (1000327000, None))
+        count = data.maxVertex + 1
+        arrays = [floats(at, data.vertexStride, count) for at in (data.vertexData, end.vertexData)]
+        self.assertTrue(kept)
+        return (extent.primitiveCount, *arrays)
+
+    def test_vertices_of_both_times(self):
+        table = np.zeros((len(CORNERS), 7), np.float32)
+        table[:, :3], table[:, 4:] = CORNERS, CORNERS + SHIFT
+        for start, end in (
+            (CORNERS, CORNERS + SHIFT),
+            (table[:, :3], table[:, 4:]),
+            (CORNERS, table[:, 4:]),  # with rows that are not equally far apart
+            (np.asfortranarray(CORNERS), CORNERS + SHIFT),
+        ):
+            count, first, last = self.end_of(bvhd.Triangles(start, FACES, end_vertices=end))
+            self.assertEqual(count, len(FACES))
+            np.testing.assert_array_equal(first, CORNERS)
+            np.testing.assert_array_equal(last, CORNERS + SHIFT)
+        none = CORNERS[:0]
+        self.assertEqual(self.end_of(bvhd.Triangles(none, end_vertices=none))[0], 0)
+        self.assertIsNone(fill(bvhd.Triangles(CORNERS, FACES))[0].geometry.triangles.pNext)
+
+    def test_wrong_vertices(self):
+        for end in (CORNERS[1:], CORNERS.astype(float), CORNERS[:, :2], 4):
+            with self.assertRaisesRegex(ValueError, "end_vertices"):
+                fill(bvhd.Triangles(CORNERS, FACES, end_vertices=end))
+
+    def test_flags(self):
+        still, moving = bvhd.Triangles(CORNERS), bvhd.Triangles(CORNERS, end_vertices=CORNERS)
+        motion, update = bvhd.BuildFlags.MOTION, bvhd.BuildFlags.ALLOW_UPDATE
+        self.assertEqual(bvhd.BottomLevel([still], update).flags, update)
+        self.assertEqual(bvhd.BottomLevel([still, moving], update).flags, update | motion)
+        top = bvhd.TopLevel([bvhd.BottomLevel([still])], flags=update)
+        self.assertEqual((top.flags, top.records.dtype), (update, s.INSTANCE))
+        top = bvhd.TopLevel([bvhd.BottomLevel([still])], end_transforms=np.eye(3, 4), flags=update)
+        self.assertEqual(top.flags, update | motion)
+
+    def test_records(self):
+        """Records have 160 bytes; what all types have in common is behind the numbers of each."""
+        structures = [bvhd.BottomLevel([bvhd.Triangles(CORNERS)]) for _ in range(2)]
+        start = np.arange(24, dtype=np.float32).reshape(2, 3, 4)
+        still = bvhd.TopLevel(structures, transforms=start, flags=bvhd.BuildFlags.MOTION)
+        matrix = bvhd.TopLevel(structures, transforms=start, end_transforms=-start, masks=5)
+        turning = bvhd.TopLevel(structures, transforms=srt(), end_transforms=[srt(qz=1), srt(tx=2)])
+        for kind, (top, end) in enumerate(((still, 56), (matrix, 104), (turning, 136))):
+            words = top.records.view(np.uint32).reshape(2, 40)
+            at = end // 4
+            self.assertEqual(words[:, :2].tolist(), [[kind, 0]] * 2)
+            self.assertEqual(words[:, at].tolist(), [0xFF000000 if kind != 1 else 5 << 24] * 2)
+            handles = [structure.handle for structure in structures]
+            self.assertEqual(words[:, at + 2].tolist(), handles)
+            self.assertFalse(words[:, at + 4 :].any())
+        np.testing.assert_array_equal(matrix.records["end_transform"], -start)
+        self.assertEqual(turning.records["transform"].tolist(), [srt(), srt()])
+        self.assertEqual(turning.records["end_transform"].tolist(), [srt(qz=1), srt(tx=2)])
+
+    def test_wrong_records(self):
+        one = [bvhd.BottomLevel([bvhd.Triangles(CORNERS)])]
+        for start, end in ((np.eye(3, 4), srt()), (srt(), np.eye(3, 4)), (srt(), None)):
+            with self.assertRaisesRegex(ValueError, "transforms"):
+                bvhd.TopLevel(one, transforms=start, end_transforms=end)
+        with self.assertRaises(ValueError):
+            bvhd.TopLevel(one, transforms=np.eye(4), end_transforms=np.eye(4))
+
+
+if __name__ == "__main__":
+    unittest.main()
