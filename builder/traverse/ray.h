@@ -41,6 +41,7 @@ struct ray {
     float tmax; /* may be infinite; the ray hits nothing unless tmin <= tmax */
     uint32_t flags;
     uint32_t cull_mask; /* bits 7 .. 0: instances with mask & cull_mask == 0 are invisible */
+    float time; /* 0 .. 1: when it meets what moves; structures without motion ignore it */
 };
 
 /* Returns whether nothing about the ray's flags or interval is unusual, so that the fastest ways can take it. */

@@ -18,6 +18,7 @@ SAME_PLACE(bvhd_cpu_ray, direction, ray, direction);
 SAME_PLACE(bvhd_cpu_ray, tmax, ray, tmax);
 SAME_PLACE(bvhd_cpu_ray, flags, ray, flags);
 SAME_PLACE(bvhd_cpu_ray, mask, ray, cull_mask);
+SAME_PLACE(bvhd_cpu_ray, time, ray, time);
 SAME_PLACE(bvhd_cpu_hit, t, ray_hit, t);
 SAME_PLACE(bvhd_cpu_hit, u, ray_hit, u);
 SAME_PLACE(bvhd_cpu_hit, v, ray_hit, v);
@@ -106,16 +107,16 @@ static inline bool flags_are_sound(uint32_t flags)
            is_one(flags & KINDS);
 }
 
-/* Returns whether what follows the fields of the traversal is sound: the time, and what is reserved. */
-static inline bool rest_is_sound(const unsigned char *at, size_t size)
+/* Reads the time of a ray, and returns whether it and what is reserved are sound. Rays without a time have time 0. */
+static inline bool read_rest(const unsigned char *from, size_t size, struct ray *ret_ray)
 {
-    float time;
     uint32_t reserved;
+    ret_ray->time = 0;
     if (size == SIZE_WITHOUT_TIME)
         return true;
-    memcpy(&time, at + offsetof(struct bvhd_cpu_ray, time), sizeof time);
-    memcpy(&reserved, at + offsetof(struct bvhd_cpu_ray, reserved), sizeof reserved);
-    return time >= 0 && time <= 1 && reserved == 0;
+    memcpy(&ret_ray->time, from + offsetof(struct bvhd_cpu_ray, time), sizeof ret_ray->time);
+    memcpy(&reserved, from + offsetof(struct bvhd_cpu_ray, reserved), sizeof reserved);
+    return ret_ray->time >= 0 && ret_ray->time <= 1 && reserved == 0;
 }
 
 static enum bvhd_status refuse_ray(uint64_t index, uint32_t flags, const unsigned char *at, struct bvhd_error *error)
@@ -204,8 +205,8 @@ struct tracing {
 /* Reads a ray. Returns false if it is not sound. */
 static inline bool read_ray(const struct bvhd_cpu_trace *trace, const unsigned char *from, struct ray *ret_ray)
 {
-    memcpy(ret_ray, from, sizeof *ret_ray);
-    if (!flags_are_sound(ret_ray->flags) || !rest_is_sound(from, trace->ray_size))
+    memcpy(ret_ray, from, SIZE_WITHOUT_TIME);
+    if (!read_rest(from, trace->ray_size, ret_ray) || !flags_are_sound(ret_ray->flags))
         return false;
     ret_ray->flags |= trace->flags & BVHD_CPU_TRACE_ANY_HIT ? RAY_TERMINATE_ON_FIRST_HIT : 0;
     return true;
@@ -354,7 +355,7 @@ __attribute__((cold)) static enum bvhd_status refuse_next(const struct bvhd_cpu_
     const size_t stride = trace->ray_stride ? trace->ray_stride : trace->ray_size;
     const unsigned char *at = (const unsigned char *)trace->rays + traced * stride;
     struct ray ray;
-    memcpy(&ray, at, sizeof ray);
+    memcpy(&ray, at, SIZE_WITHOUT_TIME);
     return refuse_ray(traced, ray.flags, at, error);
 }
 
