@@ -83,9 +83,9 @@ uint64_t preparation_bound(const struct build_input *input)
 
 /*
  * Positions, radii, 32-bit indices and instance records are copied unchanged. Without indices, a triangle of 36 bytes
- * gets 12 bytes of them, and a linear swept sphere of 32 bytes gets 4; instances of 64 bytes take INSTANCE_BYTES more;
- * small copies lie in memory twice. The promise always covers the rows: a payload without room for the declared rows is
- * refused before they are read.
+ * gets 12 bytes of them, and a linear swept sphere of 32 bytes gets 4; instances of 64 or 160 bytes take INSTANCE_BYTES
+ * more; small copies lie in memory twice. The promise always covers the rows: a payload without room for the declared
+ * rows is refused before they are read.
  */
 uint64_t preparation_guess(const struct control_item *item)
 {
@@ -107,16 +107,18 @@ uint64_t preparation_guess_build(const struct control_item *item)
     return product(item->payload_size, item->type == STRUCTURE_TOP ? INSTANCE_RATIO : GEOMETRY_RATIO);
 }
 
-uint64_t preparation_build_bytes(uint64_t primitives, uint64_t vertex_bytes, bool high)
+uint64_t preparation_build_bytes(uint64_t primitives, uint64_t vertex_bytes, bool high, bool moves)
 {
     /*
      * Peak bytes per primitive, for as many threads as there are pieces, so that all pieces are built at once. Vertices
      * come in addition: the result has all of them. A ref and its scratch take 64 bytes. The trees take up to 177
      * beside them: clusters (cluster_tree.h) do so when ploc.h gives up at once and binned.h takes over. Quality high
-     * has 1.4 refs per primitive, each of which takes 180 more during reinsertion. Top levels are never split.
+     * has 1.4 refs per primitive, each of which takes 180 more during reinsertion. Top levels are never split. What
+     * moves has a second box in each of two nodes per primitive, and larger nodes and records in the result.
      */
-    enum { CLUSTERS = 248, HIGH = 344, FIXED = 16 * 1024 };
-    return sum(sum(product(primitives, high ? HIGH : CLUSTERS), vertex_bytes), FIXED);
+    enum { CLUSTERS = 248, HIGH = 344, SECOND_KEY = 96, FIXED = 16 * 1024 };
+    const uint64_t each = (uint64_t)(high ? HIGH : CLUSTERS) + (moves ? SECOND_KEY : 0);
+    return sum(sum(product(primitives, each), vertex_bytes), FIXED);
 }
 
 /* A refit has a box for each node of its source, which takes more bytes itself. */
@@ -125,34 +127,49 @@ static uint64_t update_bytes(const struct update_source *source)
     return sum(source->blob ? source->blob->size : 0, FIXED_BYTES);
 }
 
-/* Returns the bytes of all vertices of a canonical copy, whose geometries are of one kind. */
-static uint64_t vertex_bytes_of(const struct canonical *canonical)
+/* What the kinds of a structure's geometries say together: if one of them moves, all vertices have two places. */
+struct kinds {
+    uint64_t vertex_size; /* of the largest one */
+    bool moves;
+};
+
+static void add_kind(struct kinds *kinds, uint32_t type)
 {
-    if (canonical->vertex_count == 0)
-        return 0;
-    return (uint64_t)canonical->vertex_count * kind_find(canonical->geometries[0].type)->vertex_bytes;
+    const struct kind *kind = kind_find(type);
+    kinds->vertex_size = kind->vertex_bytes > kinds->vertex_size ? kind->vertex_bytes : kinds->vertex_size;
+    kinds->moves = kinds->moves || kind->moves;
+}
+
+static uint64_t entry_bytes(const struct build_entry *entry)
+{
+    const struct canonical *canonical = &entry->canonical;
+    struct kinds kinds = {0};
+    for (uint32_t i = 0; i < canonical->geometry_count; i++)
+        add_kind(&kinds, canonical->geometries[i].type);
+    return preparation_build_bytes(canonical->primitive_count, product(canonical->vertex_count, kinds.vertex_size),
+                                   entry->options.quality == QUALITY_HIGH, kinds.moves);
 }
 
 uint64_t preparation_make_bytes(const struct preparation *preparation)
 {
     const struct build_entry *entry = &preparation->entry;
-    return entry->is_update
-               ? update_bytes(&preparation->updated)
-               : preparation_build_bytes(entry->canonical.primitive_count, vertex_bytes_of(&entry->canonical),
-                                         entry->options.quality == QUALITY_HIGH);
+    return entry->is_update ? update_bytes(&preparation->updated) : entry_bytes(entry);
 }
 
 /* Bounds what the build of an input takes, whatever its quality turns out to be. */
 static uint64_t build_bound(const struct build_input *input)
 {
     enum build_quality quality = input->options.quality;
-    uint64_t primitives = 0, vertex_bytes = 0;
+    uint64_t primitives = 0, vertices = 0;
+    struct kinds kinds = {0};
     for (uint32_t i = 0; i < input->geometry_count; i++) {
         const struct geometry *geometry = &input->geometries[i];
         primitives = sum(primitives, geometry->range.primitive_count);
-        vertex_bytes = sum(vertex_bytes, geometry_vertex_bytes(geometry));
+        vertices = sum(vertices, kind_find(geometry->type)->vertices(geometry));
+        add_kind(&kinds, geometry->type);
     }
-    return preparation_build_bytes(primitives, vertex_bytes, quality != QUALITY_FAST && quality != QUALITY_BALANCED);
+    return preparation_build_bytes(primitives, product(vertices, kinds.vertex_size),
+                                   quality != QUALITY_FAST && quality != QUALITY_BALANCED, kinds.moves);
 }
 
 struct preparation *preparation_create(const struct control_item *item, uint32_t index,
