@@ -10,7 +10,7 @@
 
 #include <bvhd/vulkan_nv.h>
 
-#include "proto/base/geometry.h"
+#include "proto/base/kind.h"
 
 enum { VULKAN_REQUEST_GEOMETRIES = 8 };
 
@@ -26,6 +26,7 @@ struct vulkan_request {
     VkAccelerationStructureBuildRangeInfoKHR ranges[VULKAN_REQUEST_GEOMETRIES];
     uint32_t counts[VULKAN_REQUEST_GEOMETRIES]; /* of primitives */
     union vulkan_request_chain chains[VULKAN_REQUEST_GEOMETRIES];
+    VkAccelerationStructureGeometryMotionTrianglesDataNV ends[VULKAN_REQUEST_GEOMETRIES];
 };
 
 /* Fills in the struct of a round geometry, and returns it; NULL: the geometry is not round. */
@@ -72,6 +73,7 @@ static inline VkAccelerationStructureGeometryDataKHR vulkan_request_data(const s
     const VkAccelerationStructureGeometryDataKHR nothing = {.triangles.sType = VK_STRUCTURE_TYPE_MAX_ENUM};
     switch (geometry->type) {
     case GEOMETRY_TRIANGLES:
+    case GEOMETRY_MOVING_TRIANGLES:
         return (VkAccelerationStructureGeometryDataKHR){
             .triangles = {.sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_GEOMETRY_TRIANGLES_DATA_KHR,
                           .vertexFormat = (VkFormat)triangles->vertex_format,
@@ -109,12 +111,18 @@ static inline void vulkan_request_make(const struct build_input *input, struct v
     for (uint32_t i = 0; i < input->geometry_count; i++) {
         const struct geometry *geometry = &input->geometries[i];
         const struct geometry_range *range = &geometry->range;
-        ret_request->geometries[i] =
-            (VkAccelerationStructureGeometryKHR){.sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_GEOMETRY_KHR,
-                                                 .pNext = vulkan_request_chain(geometry, &ret_request->chains[i]),
-                                                 .geometryType = (VkGeometryTypeKHR)geometry->type,
-                                                 .geometry = vulkan_request_data(geometry),
-                                                 .flags = geometry->flags};
+        ret_request->geometries[i] = (VkAccelerationStructureGeometryKHR){
+            .sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_GEOMETRY_KHR,
+            .pNext = vulkan_request_chain(geometry, &ret_request->chains[i]),
+            .geometryType = (VkGeometryTypeKHR)kind_find(geometry->type)->vulkan_type,
+            .geometry = vulkan_request_data(geometry),
+            .flags = geometry->flags};
+        if (geometry->type == GEOMETRY_MOVING_TRIANGLES) {
+            ret_request->ends[i] = (VkAccelerationStructureGeometryMotionTrianglesDataNV){
+                .sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_GEOMETRY_MOTION_TRIANGLES_DATA_NV,
+                .vertexData.hostAddress = geometry->triangles.end_vertices.data};
+            ret_request->geometries[i].geometry.triangles.pNext = &ret_request->ends[i];
+        }
         ret_request->ranges[i] = (VkAccelerationStructureBuildRangeInfoKHR){
             range->primitive_count, range->primitive_offset, range->first_vertex, range->transform_offset};
         ret_request->counts[i] = range->primitive_count;
