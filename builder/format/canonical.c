@@ -3,6 +3,7 @@
 
 #include <assert.h>
 
+#include "proto/base/kind.h"
 #include "proto/base/prefix.h"
 
 struct canonical_instance canonical_instance(const struct canonical_geometry *geometry, uint32_t index)
@@ -26,4 +27,14 @@ uint32_t canonical_geometry_of(const struct canonical *canonical, uint32_t primi
     assert(primitive < canonical->primitive_count);
     return prefix_find(&canonical->geometries[0].first_primitive, sizeof canonical->geometries[0],
                        canonical->geometry_count, primitive);
+}
+
+uint32_t canonical_kind(const struct canonical *canonical)
+{
+    for (uint32_t i = 0; i < canonical->geometry_count; i++)
+        if (kind_find(canonical->geometries[i].type)->moves)
+            return canonical->geometries[i].type;
+    if (canonical->geometry_count > 0)
+        return canonical->geometries[0].type;
+    return canonical->type == STRUCTURE_TOP ? GEOMETRY_INSTANCES : GEOMETRY_TRIANGLES;
 }

@@ -107,4 +107,10 @@ static inline void canonical_triangle(const struct canonical_geometry *geometry,
  */
 uint32_t canonical_geometry_of(const struct canonical *canonical, uint32_t primitive);
 
+/*
+ * Returns the GEOMETRY_ that decides what structure it becomes: that of the first geometry that moves, else that of the
+ * first geometry, which all have. A copy without geometries counts as one of triangles, or of instances.
+ */
+uint32_t canonical_kind(const struct canonical *canonical);
+
 #endif

@@ -24,11 +24,9 @@ const struct layout *layout_find_name(const char *name)
     return NULL;
 }
 
-/* A structure without geometries is one of triangles, or of instances. */
 uint32_t layout_version(const struct layout *layout, const struct canonical *canonical)
 {
-    const uint32_t none = canonical->type == STRUCTURE_TOP ? GEOMETRY_INSTANCES : GEOMETRY_TRIANGLES;
-    return layout->version(canonical->geometry_count > 0 ? canonical->geometries[0].type : none);
+    return layout->version(canonical_kind(canonical));
 }
 
 enum bvhd_status layout_check_kind(const struct layout *layout, const struct validate_subject *subject)

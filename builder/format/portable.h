@@ -6,7 +6,8 @@
  * A blob is Vulkan's serialized header, zeros up to a multiple of 64, then the body; offsets in the body count from its
  * start. Nodes are 8-wide, quantised, 80 bytes (Ylitie 2017), with the root first. The contents of leaves are one array
  * of records, 16-byte aligned: indexed triangles (16 bytes) over one array of exact vertices, or fast triangles (48),
- * AABBs (32), instances (128), or spheres or linear swept spheres (8) over one array of centres with radii.
+ * AABBs (32), instances (128), or spheres or linear swept spheres (8) over one array of centres with radii. Structures
+ * that move have nodes of 128 bytes, and motion triangles (16) over vertices with two places, or motion instances (160).
  */
 #ifndef BVHD_PORTABLE_H
 #define BVHD_PORTABLE_H
@@ -68,9 +69,10 @@ struct portable_header {
     uint32_t build_flags; /* BUILD_ of the request */
     float bounds[6]; /* min xyz, max xyz, exact; min > max when empty */
     uint32_t depth; /* levels of nodes, 0 if empty */
-    uint32_t node_count; /* 80 bytes each */
+    uint32_t node_count; /* 80 bytes each, of contents that move 128 */
     uint32_t record_count;
-    uint32_t vertex_count; /* indexed triangles: 12 bytes each; spheres and swept spheres: 16; else there are none */
+    /* indexed triangles: 12 bytes each; spheres and swept spheres: 16; motion triangles: 24; else there are none */
+    uint32_t vertex_count;
     uint32_t geometry_count; /* 16 bytes each; bottom level only */
     uint32_t primitive_count; /* as in the request, inactive primitives included */
     /* Offsets from the body's start, multiples of 16. Each section lies inside the body, in this order. */
@@ -199,6 +201,8 @@ struct portable_moving_instance {
     float start[16], end[16];
 };
 
+enum { PORTABLE_MATRIX = 12, PORTABLE_SRT = 16 }; /* how many numbers a matrix or VkSRTDataNV has */
+
 _Static_assert(sizeof(struct portable_moving_node) == 128 && sizeof(struct portable_moving_vertex) == 24, "layout");
 _Static_assert(sizeof(struct portable_moving_instance) == 160, "layout");
 
@@ -221,13 +225,22 @@ _Static_assert(sizeof(struct portable_round) == 8 && sizeof(struct portable_geom
  */
 struct portable_view {
     const struct portable_header *header;
+    /* of a content that moves they begin struct portable_moving_node, and portable_node_at finds each */
     const struct portable_node *nodes;
+    uint32_t node_size; /* bytes from one node to the next */
     const void *records; /* their type depends on header->content */
     const float *vertices;
     const struct portable_geometry *geometries;
     const unsigned char *handles; /* handle_count u64 */
     uint64_t handle_count;
 };
+
+/* Returns node `index`, of any content. */
+static inline const struct portable_node *portable_node_at(const struct portable_view *view, uint32_t index)
+{
+    const void *node = (const unsigned char *)view->nodes + (uint64_t)view->node_size * index;
+    return node;
+}
 
 /*
  * Opens a hostile blob. It checks the header and every section's place, every node (children follow their parent and

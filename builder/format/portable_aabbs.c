@@ -40,6 +40,7 @@ const struct record_kind record_aabbs = {
     .version = 1,
     .type = GEOMETRY_AABBS,
     .size = sizeof(struct portable_aabb),
+    .node_size = sizeof(struct portable_node),
     .first_leaf = 1,
     .cost = 1,
     .write = write_aabbs,

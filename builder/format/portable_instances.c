@@ -48,7 +48,9 @@ static uint32_t find_unsound(const struct portable_view *view)
 const struct record_kind record_instances = {
     .version = 1,
     .type = GEOMETRY_INSTANCES,
+    .is_top = true,
     .size = sizeof(struct portable_instance),
+    .node_size = sizeof(struct portable_node),
     .first_leaf = 1,
     .cost = 1,
     .write = write_instances,

@@ -143,23 +143,54 @@ static inline float greatest_of(const float values[8])
     return a > b ? a : b;
 }
 
+/* Returns the grid that holds coordinates from `low` to `high`; its exponent is 0 if these are equal. */
+static struct grid grid_over(float low, float high)
+{
+    if (low < high)
+        return fit_grid(low, high);
+    return (struct grid){low + 0.0f, 0, 0}; /* turns -0 into 0, whichever zero came first */
+}
+
+/* Fills the bytes of one axis. */
+static void put_axis(const float min[8], const float max[8], const struct grid *grid, unsigned occupied, uint8_t lo[8],
+                     uint8_t hi[8])
+{
+    if (grid->exponent > 0) {
+        quantise(min, max, grid, lo, hi);
+    } else {
+        memset(lo, 0, 8);
+        memset(hi, 0, 8);
+    }
+    if (occupied != 0xff)
+        clear_empty(occupied, lo, hi);
+}
+
+static void put_grid(const struct grid *grid, int axis, struct portable_node *node)
+{
+    node->origin[axis] = grid->origin;
+    node->exponent[axis] = grid->exponent;
+}
+
 void portable_quantise(const struct portable_boxes *boxes, unsigned occupied, struct portable_node *ret_node)
 {
     for (int axis = 0; axis < 3; axis++) {
         const float *min = boxes->min[axis], *max = boxes->max[axis];
-        float low = least_of(min), high = greatest_of(max);
-        uint8_t *lo = ret_node->lo[axis], *hi = ret_node->hi[axis];
-        struct grid grid = {low + 0.0f, 0, 0}; /* turns -0 into 0, whichever zero came first */
-        if (low < high) {
-            grid = fit_grid(low, high);
-            quantise(min, max, &grid, lo, hi);
-        } else {
-            memset(lo, 0, 8);
-            memset(hi, 0, 8);
-        }
-        ret_node->origin[axis] = grid.origin;
-        ret_node->exponent[axis] = grid.exponent;
-        if (occupied != 0xff)
-            clear_empty(occupied, lo, hi);
+        const struct grid grid = grid_over(least_of(min), greatest_of(max));
+        put_axis(min, max, &grid, occupied, ret_node->lo[axis], ret_node->hi[axis]);
+        put_grid(&grid, axis, ret_node);
+    }
+}
+
+void portable_quantise_moving(const struct portable_boxes *start, const struct portable_boxes *end, unsigned occupied,
+                              struct portable_moving_node *ret_node)
+{
+    struct portable_node *node = &ret_node->start;
+    for (int axis = 0; axis < 3; axis++) {
+        const float low = least_of(start->min[axis]), end_low = least_of(end->min[axis]),
+                    high = greatest_of(start->max[axis]), end_high = greatest_of(end->max[axis]);
+        const struct grid grid = grid_over(low < end_low ? low : end_low, high > end_high ? high : end_high);
+        put_axis(start->min[axis], start->max[axis], &grid, occupied, node->lo[axis], node->hi[axis]);
+        put_axis(end->min[axis], end->max[axis], &grid, occupied, ret_node->end_lo[axis], ret_node->end_hi[axis]);
+        put_grid(&grid, axis, node);
     }
 }

@@ -8,6 +8,9 @@
  * step hold in real numbers. There are two exceptions. An axis on which all boxes are flat at one coordinate has step 0
  * and stores that coordinate exactly. Where no float lies below (min within step / 64 of -FLT_MAX), the origin is
  * -FLT_MAX, without a margin on that side.
+ *
+ * A node of a structure that moves has two boxes for each child, of t = 0 and of t = 1, on one grid, and all of this
+ * holds for both of them.
  */
 #ifndef BVHD_PORTABLE_QUANTISE_H
 #define BVHD_PORTABLE_QUANTISE_H
@@ -41,11 +44,19 @@ void portable_quantise(const struct portable_boxes *boxes, unsigned occupied, st
 void portable_quantise_boxes(const struct box *const boxes[8], unsigned occupied, bool avx2,
                              struct portable_node *ret_node);
 
+/* The same for nodes of structures that move. A slot is empty in both arrays, or in none. */
+void portable_quantise_moving(const struct portable_boxes *start, const struct portable_boxes *end, unsigned occupied,
+                              struct portable_moving_node *ret_node);
+void portable_quantise_moving_boxes(const struct box *const start[8], const struct box *const end[8], unsigned occupied,
+                                    bool avx2, struct portable_moving_node *ret_node);
+
 /*
- * Returns whether this machine has AVX2, which portable_quantise_avx2 needs. portable_quantise_avx2 returns false, and
- * fills nothing, for the rare nodes that it cannot handle.
+ * Returns whether this machine has AVX2, which the following functions need. They return false, and fill nothing, for
+ * the rare nodes that they cannot handle.
  */
 bool portable_has_avx2(void);
 bool portable_quantise_avx2(const struct box *const boxes[8], unsigned occupied, struct portable_node *ret_node);
+bool portable_quantise_moving_avx2(const struct box *const start[8], const struct box *const end[8], unsigned occupied,
+                                   struct portable_moving_node *ret_node);
 
 #endif

@@ -6,6 +6,8 @@
  */
 #include "builder/format/portable_quantise.h"
 
+#include <stddef.h>
+
 #include "builder/format/box_lanes.h"
 
 #if defined(__x86_64__)
@@ -154,36 +156,75 @@ BOX_LANES_INLINE void store_pair(__m128i first, __m128i second, __m128i clear, _
     _mm_storeu_si128((__m128i *)(void *)ret, bytes);
 }
 
+/* The origin and the inverse of the step of each axis, in every lane. */
+struct axes {
+    __m256d origins[3], inverses[3];
+    bool flat[3];
+};
+
+/* Stores the origin and the exponents of a node. Returns the axes of its grid. */
+BOX_LANES_INLINE struct axes put_grid(const struct wide_grid *grid, struct portable_node *ret_node)
+{
+    const __m256d origin = _mm256_cvtps_pd(grid->origin), inverse = grid->inverse;
+    struct axes axes = {
+        {_mm256_permute4x64_pd(origin, 0), _mm256_permute4x64_pd(origin, 0x55), _mm256_permute4x64_pd(origin, 0xaa)},
+        {_mm256_permute4x64_pd(inverse, 0), _mm256_permute4x64_pd(inverse, 0x55), _mm256_permute4x64_pd(inverse, 0xaa)},
+        {false, false, false},
+    };
+    const __m128i packed = _mm_packus_epi16(_mm_packs_epi32(grid->exponent, grid->exponent), _mm_setzero_si128());
+    uint32_t exponents = (uint32_t)_mm_cvtsi128_si32(packed) & 0xffffff;
+    for (int axis = 0; axis < 3; axis++, exponents >>= 8) {
+        ret_node->exponent[axis] = (uint8_t)exponents;
+        axes.flat[axis] = (exponents & 0xff) == 0;
+    }
+    _mm_storel_epi64((__m128i *)(void *)ret_node->origin, _mm_castps_si128(grid->origin));
+    _mm_store_ss(&ret_node->origin[2], _mm_movehl_ps(grid->origin, grid->origin));
+    return axes;
+}
+
+/* Stores the bytes of eight boxes: 24 of their lower sides, and behind them 24 of their upper ones. */
+BOX_LANES_INLINE void put_boxes(const struct box_lanes *all, const struct axes *axes, unsigned occupied, uint8_t *ret)
+{
+    __m128i lo[3], hi[3];
+    for (int axis = 0; axis < 3; axis++) {
+        lo[axis] = steps_down(all->min[axis], axes->origins[axis], axes->inverses[axis]);
+        hi[axis] = steps_up(all->max[axis], axes->origins[axis], axes->inverses[axis]);
+        if (axes->flat[axis])
+            lo[axis] = hi[axis] = _mm_setzero_si128();
+    }
+    const __m128i empty = empty_slots(occupied), none = _mm_setzero_si128();
+    store_pair(lo[0], lo[1], none, empty, ret);
+    store_pair(lo[2], hi[0], _mm_unpackhi_epi64(none, empty), _mm_move_epi64(empty), ret + 16);
+    store_pair(hi[1], hi[2], empty, none, ret + 32);
+}
+
+_Static_assert(offsetof(struct portable_node, hi) == offsetof(struct portable_node, lo) + 24, "put_boxes fills both");
+_Static_assert(offsetof(struct portable_moving_node, end_hi) == offsetof(struct portable_moving_node, end_lo) + 24,
+               "put_boxes fills both");
+
 BOX_LANES bool portable_quantise_avx2(const struct box *const boxes[8], unsigned occupied,
                                       struct portable_node *ret_node)
 {
-    struct box_lanes all = box_lanes_load(boxes);
+    const struct box_lanes all = box_lanes_load(boxes);
     struct wide_grid grid;
     if (!fit_grid(least_of(all.min), greatest_of(all.max), &grid))
         return false;
-    const __m256d origin = _mm256_cvtps_pd(grid.origin), inverse = grid.inverse;
-    const __m256d origins[3] = {_mm256_permute4x64_pd(origin, 0), _mm256_permute4x64_pd(origin, 0x55),
-                                _mm256_permute4x64_pd(origin, 0xaa)};
-    const __m256d inverses[3] = {_mm256_permute4x64_pd(inverse, 0), _mm256_permute4x64_pd(inverse, 0x55),
-                                 _mm256_permute4x64_pd(inverse, 0xaa)};
-    __m128i exponent = grid.exponent, lo[3], hi[3];
-    for (int axis = 0; axis < 3; axis++) {
-        lo[axis] = steps_down(all.min[axis], origins[axis], inverses[axis]);
-        hi[axis] = steps_up(all.max[axis], origins[axis], inverses[axis]);
-    }
-    __m128i packed = _mm_packus_epi16(_mm_packs_epi32(exponent, exponent), _mm_setzero_si128());
-    uint32_t exponents = (uint32_t)_mm_cvtsi128_si32(packed), axes = exponents & 0xffffff;
-    for (int axis = 0; axis < 3; axis++, axes >>= 8) {
-        ret_node->exponent[axis] = (uint8_t)axes;
-        if ((axes & 0xff) == 0)
-            lo[axis] = hi[axis] = _mm_setzero_si128();
-    }
-    __m128i empty = empty_slots(occupied), none = _mm_setzero_si128();
-    _mm_storel_epi64((__m128i *)(void *)ret_node->origin, _mm_castps_si128(grid.origin));
-    _mm_store_ss(&ret_node->origin[2], _mm_movehl_ps(grid.origin, grid.origin));
-    store_pair(lo[0], lo[1], none, empty, ret_node->lo[0]);
-    store_pair(lo[2], hi[0], _mm_unpackhi_epi64(none, empty), _mm_move_epi64(empty), ret_node->lo[2]);
-    store_pair(hi[1], hi[2], empty, none, ret_node->hi[1]);
+    const struct axes axes = put_grid(&grid, ret_node);
+    put_boxes(&all, &axes, occupied, (uint8_t *)ret_node + offsetof(struct portable_node, lo));
+    return true;
+}
+
+BOX_LANES bool portable_quantise_moving_avx2(const struct box *const start[8], const struct box *const end[8],
+                                             unsigned occupied, struct portable_moving_node *ret_node)
+{
+    const struct box_lanes first = box_lanes_load(start), last = box_lanes_load(end);
+    struct wide_grid grid;
+    if (!fit_grid(_mm_min_ps(least_of(first.min), least_of(last.min)),
+                  _mm_max_ps(greatest_of(first.max), greatest_of(last.max)), &grid))
+        return false;
+    const struct axes axes = put_grid(&grid, &ret_node->start);
+    put_boxes(&first, &axes, occupied, (uint8_t *)ret_node + offsetof(struct portable_node, lo));
+    put_boxes(&last, &axes, occupied, (uint8_t *)ret_node + offsetof(struct portable_moving_node, end_lo));
     return true;
 }
 
@@ -200,7 +241,23 @@ bool portable_quantise_avx2(const struct box *const boxes[8], unsigned occupied,
     return false;
 }
 
+bool portable_quantise_moving_avx2(const struct box *const start[8], const struct box *const end[8], unsigned occupied,
+                                   struct portable_moving_node *ret_node)
+{
+    (void)start, (void)end, (void)occupied, (void)ret_node;
+    return false;
+}
+
 #endif
+
+static void transpose(const struct box *const boxes[8], struct portable_boxes *ret)
+{
+    for (int slot = 0; slot < 8; slot++)
+        for (int axis = 0; axis < 3; axis++) {
+            ret->min[axis][slot] = boxes[slot]->min[axis];
+            ret->max[axis][slot] = boxes[slot]->max[axis];
+        }
+}
 
 void portable_quantise_boxes(const struct box *const boxes[8], unsigned occupied, bool avx2,
                              struct portable_node *ret_node)
@@ -208,10 +265,17 @@ void portable_quantise_boxes(const struct box *const boxes[8], unsigned occupied
     struct portable_boxes transposed;
     if (avx2 && portable_quantise_avx2(boxes, occupied, ret_node))
         return;
-    for (int slot = 0; slot < 8; slot++)
-        for (int axis = 0; axis < 3; axis++) {
-            transposed.min[axis][slot] = boxes[slot]->min[axis];
-            transposed.max[axis][slot] = boxes[slot]->max[axis];
-        }
+    transpose(boxes, &transposed);
     portable_quantise(&transposed, occupied, ret_node);
+}
+
+void portable_quantise_moving_boxes(const struct box *const start[8], const struct box *const end[8], unsigned occupied,
+                                    bool avx2, struct portable_moving_node *ret_node)
+{
+    struct portable_boxes first, last;
+    if (avx2 && portable_quantise_moving_avx2(start, end, occupied, ret_node))
+        return;
+    transpose(start, &first);
+    transpose(end, &last);
+    portable_quantise_moving(&first, &last, occupied, ret_node);
 }

@@ -105,7 +105,7 @@ static enum bvhd_status find_sections(struct portable_reader *r)
         return corrupt(r, "body.bodySize", "not what follows the header");
     if (h->node_count > PORTABLE_MAX_ROWS || h->record_count > PORTABLE_MAX_ROWS)
         return corrupt(r, "body.nodeCount", "more nodes or records than 2^30");
-    if (h->node_offset % 64 != 0 || !take_section(r, h->node_offset, h->node_count, sizeof(struct portable_node), &end))
+    if (h->node_offset % 64 != 0 || !take_section(r, h->node_offset, h->node_count, r->kind->node_size, &end))
         return corrupt(r, "body.nodeOffset", "nodes are misplaced");
     if (!take_section(r, h->record_offset, h->record_count, r->kind->size, &end))
         return corrupt(r, "body.recordOffset", "records are misplaced");
@@ -114,6 +114,7 @@ static enum bvhd_status find_sections(struct portable_reader *r)
     if (!take_section(r, h->geometry_offset, h->geometry_count, sizeof(struct portable_geometry), &end))
         return corrupt(r, "body.geometryOffset", "geometries are misplaced");
     r->view.nodes = (const struct portable_node *)(const void *)(r->body.data + h->node_offset);
+    r->view.node_size = r->kind->node_size;
     r->view.records = r->body.data + h->record_offset;
     r->view.vertices = (const float *)(const void *)(r->body.data + h->vertex_offset);
     r->view.geometries = (const struct portable_geometry *)(const void *)(r->body.data + h->geometry_offset);
@@ -142,28 +143,36 @@ static enum bvhd_status check_geometries(const struct portable_reader *r)
 /*
  * Checks that every byte of `lo` is at most that of `hi` in slots whose bit is set, and that the others are 255 and 0.
  */
-static bool boxes_are_sound(const struct portable_node *node, unsigned occupied)
+static bool sides_are_sound(const uint8_t lo[3][8], const uint8_t hi[3][8], unsigned occupied)
 {
     for (int axis = 0; axis < 3; axis++) {
         unsigned inverted = 0, cleared = 0;
         for (unsigned slot = 0; slot < 8; slot++) {
-            uint8_t lo = node->lo[axis][slot], hi = node->hi[axis][slot];
-            inverted |= (unsigned)(lo > hi) << slot;
-            cleared |= (unsigned)(lo == 255 && hi == 0) << slot;
+            inverted |= (unsigned)(lo[axis][slot] > hi[axis][slot]) << slot;
+            cleared |= (unsigned)(lo[axis][slot] == 255 && hi[axis][slot] == 0) << slot;
         }
-        if (!isfinite(node->origin[axis]) || node->exponent[axis] == 255)
-            return false;
         if (inverted != (~occupied & 0xff) || cleared != (~occupied & 0xff))
             return false;
     }
     return true;
 }
 
+/* Checks the grid and the boxes of a node, at t = 1 as at t = 0. */
+static bool boxes_are_sound(const struct portable_reader *r, const struct portable_node *node, unsigned occupied)
+{
+    const struct portable_moving_node *moving = (const struct portable_moving_node *)(const void *)node;
+    for (int axis = 0; axis < 3; axis++)
+        if (!isfinite(node->origin[axis]) || node->exponent[axis] == 255)
+            return false;
+    return sides_are_sound(node->lo, node->hi, occupied) &&
+           (!record_kind_moves(r->kind) || sides_are_sound(moving->end_lo, moving->end_hi, occupied));
+}
+
 /* Checks that each inner child has exactly one parent, which precedes it. */
 static enum bvhd_status claim_children(const struct portable_reader *r, uint32_t i, unsigned count)
 {
     const struct portable_header *h = r->view.header;
-    uint32_t first = r->view.nodes[i].first_child;
+    uint32_t first = portable_node_at(&r->view, i)->first_child;
     if (first <= i || first >= h->node_count || count > h->node_count - first)
         return corrupt_at(r, "nodes", i, "firstChild", "children do not follow their parent");
     if (r->levels[i] == h->depth)
@@ -179,7 +188,7 @@ static enum bvhd_status claim_children(const struct portable_reader *r, uint32_t
 /* Checks a node and adds the number of its records to *records. Records are stored in the order of nodes and slots. */
 static enum bvhd_status check_node(const struct portable_reader *r, uint32_t i, uint32_t *records)
 {
-    const struct portable_node *node = &r->view.nodes[i];
+    const struct portable_node *node = portable_node_at(&r->view, i);
     unsigned occupied = 0, inner = 0, leaf_records = 0;
     if (r->levels[i] == 0)
         return corrupt_at(r, "nodes", i, "", "has no parent");
@@ -200,7 +209,7 @@ static enum bvhd_status check_node(const struct portable_reader *r, uint32_t i, 
         return corrupt_at(r, "nodes", i, "innerMask", "does not fit to the children");
     if (node->first_record != *records || leaf_records > r->view.header->record_count - *records)
         return corrupt_at(r, "nodes", i, "firstRecord", "records are not in order");
-    if (!boxes_are_sound(node, occupied))
+    if (!boxes_are_sound(r, node, occupied))
         return corrupt_at(r, "nodes", i, "boxes", "not finite, inverted, or in an empty slot");
     *records += leaf_records;
     if (inner == 0)

@@ -64,18 +64,26 @@ static inline bool portable_records_id_is_sound(const struct portable_header *he
 void portable_records_mark_range(const struct record_kind *kind, const struct canonical *canonical, uint32_t first,
                                  uint32_t count, uint8_t *used);
 
-/* Returns how many floats a vertex has: its position, and maybe a radius. */
-static inline uint32_t portable_records_vertex_floats(const struct record_kind *kind)
+/*
+ * Does what kind->copy_vertices does for vertices of `floats` numbers each, which lie in one array. That number is
+ * constant where it is called, so that the compiler makes each copy a few moves.
+ */
+static inline __attribute__((always_inline)) float *portable_records_copy(const float *from, size_t floats,
+                                                                          uint32_t count, const uint8_t *used,
+                                                                          float *to)
 {
-    return kind->vertex_size / (uint32_t)sizeof(float);
-}
-
-/* Copies one vertex. The size of the first copy is constant, so that the compiler makes it a few moves. */
-static inline void portable_records_copy_vertex(const struct record_kind *kind, const float *from, float *to)
-{
-    memcpy(to, from, 3 * sizeof *to);
-    if (portable_records_vertex_floats(kind) > 3)
-        to[3] = from[3];
+    if (count == 0)
+        return to; /* a geometry without vertices has no positions */
+    if (!used) {
+        memcpy(to, from, floats * sizeof *to * count);
+        return to + floats * count;
+    }
+    for (uint32_t i = 0; i < count; i++, from += floats)
+        if (used[i]) {
+            memcpy(to, from, floats * sizeof *to);
+            to += floats;
+        }
+    return to;
 }
 
 /*

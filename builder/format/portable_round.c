@@ -142,6 +142,12 @@ static void mark_swept_range(const struct canonical_geometry *geometry, uint32_t
         mark_one(&names, SWEPT_SPHERE, i, used);
 }
 
+static float *copy_vertices(const struct canonical_geometry *geometry, uint32_t first, uint32_t count,
+                            const uint8_t *used, float *to)
+{
+    return portable_records_copy(geometry->positions + (size_t)4 * first, 4, count, used, to);
+}
+
 /* Finds the first record with fewer vertices than `vertices` from its own one on, or with other flags than these. */
 static inline uint32_t find_record(const struct portable_view *view, uint32_t vertices, uint32_t flags)
 {
@@ -198,6 +204,7 @@ const struct record_kind record_spheres = {
     .type = GEOMETRY_SPHERES,
     .size = sizeof(struct portable_round),
     .vertex_size = 4 * sizeof(float),
+    .node_size = sizeof(struct portable_node),
     .first_leaf = 1,
     .cost = 0.15f,
     .vertices_most = sphere_vertices_most,
@@ -205,6 +212,7 @@ const struct record_kind record_spheres = {
     .prefetch = prefetch,
     .mark = mark_spheres,
     .mark_range = mark_spheres_range,
+    .copy_vertices = copy_vertices,
     .find_unsound = find_unsound_sphere,
     .find_unsound_vertex = find_unsound_vertex,
 };
@@ -214,6 +222,7 @@ const struct record_kind record_swept_spheres = {
     .type = GEOMETRY_SWEPT_SPHERES,
     .size = sizeof(struct portable_round),
     .vertex_size = 4 * sizeof(float),
+    .node_size = sizeof(struct portable_node),
     .first_leaf = 1,
     .cost = 0.15f,
     .vertices_most = swept_vertices_most,
@@ -221,6 +230,7 @@ const struct record_kind record_swept_spheres = {
     .prefetch = prefetch,
     .mark = mark_swept,
     .mark_range = mark_swept_range,
+    .copy_vertices = copy_vertices,
     .find_unsound = find_unsound_swept,
     .find_unsound_vertex = find_unsound_vertex,
 };

@@ -1,5 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* portable_triangles.c - the records of triangles: indexed ones over vertices, and ones that hold their corners. */
+/*
+ * portable_triangles.c - the records of triangles: indexed ones over vertices, ones that hold their corners, and indexed
+ * ones over vertices that move.
+ */
 #include "builder/format/portable_records.h"
 
 /*
@@ -118,6 +121,28 @@ static void mark_range(const struct canonical_geometry *geometry, uint32_t first
         __atomic_store_n(&own[corners.indices ? corners.indices[i] : i], 1, __ATOMIC_RELAXED);
 }
 
+static float *copy_vertices(const struct canonical_geometry *geometry, uint32_t first, uint32_t count,
+                            const uint8_t *used, float *to)
+{
+    return portable_records_copy(geometry->positions + (size_t)3 * first, 3, count, used, to);
+}
+
+/* The vertices of static triangles beside motion triangles end where they start. */
+static float *copy_moving_vertices(const struct canonical_geometry *geometry, uint32_t first, uint32_t count,
+                                   const uint8_t *used, float *to)
+{
+    const size_t skipped = (size_t)3 * first;
+    const float *start = geometry->positions + skipped,
+                *end = (geometry->end_positions ? geometry->end_positions : geometry->positions) + skipped;
+    for (uint32_t i = 0; i < count; i++, start += 3, end += 3)
+        if (!used || used[i]) {
+            memcpy(to, start, 3 * sizeof *to);
+            memcpy(to + 3, end, 3 * sizeof *to);
+            to += 6;
+        }
+    return to;
+}
+
 /* No more vertices can be in use than there are corners, or numbers. */
 static uint64_t vertices_most(const struct geometry *geometry)
 {
@@ -155,6 +180,7 @@ const struct record_kind record_indexed_triangles = {
     .type = GEOMETRY_TRIANGLES,
     .size = sizeof(struct portable_indexed_triangle),
     .vertex_size = 3 * sizeof(float),
+    .node_size = sizeof(struct portable_node),
     .first_leaf = PORTABLE_LEAF_MAX,
     .cost = 0.3f,
     .vertices_most = vertices_most,
@@ -162,6 +188,7 @@ const struct record_kind record_indexed_triangles = {
     .prefetch = prefetch,
     .mark = mark,
     .mark_range = mark_range,
+    .copy_vertices = copy_vertices,
     .find_unsound = find_unsound_indexed,
 };
 
@@ -170,9 +197,27 @@ const struct record_kind record_triangles = {
     .type = GEOMETRY_TRIANGLES,
     .layout_flag = PORTABLE_FAST_TRIANGLES,
     .size = sizeof(struct portable_triangle),
+    .node_size = sizeof(struct portable_node),
     .first_leaf = PORTABLE_LEAF_MAX,
     .cost = 0.3f,
     .write = write_triangles,
     .prefetch = prefetch,
     .find_unsound = find_unsound,
+};
+
+const struct record_kind record_moving_triangles = {
+    .version = 2,
+    .type = GEOMETRY_MOVING_TRIANGLES,
+    .size = sizeof(struct portable_indexed_triangle),
+    .vertex_size = sizeof(struct portable_moving_vertex),
+    .node_size = sizeof(struct portable_moving_node),
+    .first_leaf = PORTABLE_LEAF_MAX,
+    .cost = 0.3f,
+    .vertices_most = vertices_most,
+    .write = write_indexed_triangles,
+    .prefetch = prefetch,
+    .mark = mark,
+    .mark_range = mark_range,
+    .copy_vertices = copy_moving_vertices,
+    .find_unsound = find_unsound_indexed,
 };

@@ -40,7 +40,7 @@ static void fill_bounds(const struct ir *ir, float ret_bounds[6])
 static void place_sections(const struct record_kind *kind, struct portable_header *header)
 {
     header->node_offset = sizeof *header;
-    header->record_offset = header->node_offset + (uint64_t)header->node_count * sizeof(struct portable_node);
+    header->record_offset = header->node_offset + (uint64_t)header->node_count * kind->node_size;
     header->vertex_offset = bytes_align(header->record_offset + (uint64_t)header->record_count * kind->size, 16);
     header->geometry_offset =
         bytes_align(header->vertex_offset + (uint64_t)header->vertex_count * kind->vertex_size, 16);
@@ -100,20 +100,35 @@ static void gather_refs(const struct portable_writer *w, const struct wide_node 
     ret->count = (uint32_t)(next - ret->refs);
 }
 
-/* Returns the box of an ir node over all motion keys, in `storage` if it has to be computed. */
-static const struct box *box_of(const struct ir *ir, uint32_t node, struct box *storage)
-{
-    if (ir->key_count == 1)
-        return &ir->boxes[0][node];
-    *storage = ir->boxes[0][node];
-    box_grow(storage, &ir->boxes[1][node]);
-    return storage;
-}
-
 /* Returns all bits set, or none. */
 static inline uint32_t mask_of(bool condition)
 {
     return 0u - (uint32_t)condition;
+}
+
+/* Finds the boxes of a node's slots at one key; an empty slot has that of the ir's node `filler`. */
+static inline void find_boxes(const struct box *boxes, const struct wide_node *wide, unsigned occupied, uint32_t filler,
+                              const struct box *ret_boxes[WIDE_ARITY])
+{
+    for (unsigned slot = 0; slot < WIDE_ARITY; slot++) {
+        uint32_t own = wide->slots[slot].node; /* 0 in an empty slot */
+        ret_boxes[slot] = &boxes[own | (filler & mask_of(!(occupied >> slot & 1)))];
+    }
+}
+
+/* Fills the boxes of a node. In a structure that moves, the boxes of a tree with one key stand still. */
+static void write_boxes(const struct portable_writer *w, const struct wide_node *wide, unsigned occupied,
+                        uint32_t filler, struct portable_node *node)
+{
+    const struct ir *ir = w->input->ir;
+    const struct box *boxes[WIDE_ARITY], *end[WIDE_ARITY];
+    find_boxes(ir->boxes[0], wide, occupied, filler, boxes);
+    if (!record_kind_moves(w->records.kind)) {
+        portable_quantise_boxes(boxes, occupied, w->avx2, node);
+        return;
+    }
+    find_boxes(ir->boxes[ir->key_count - 1], wide, occupied, filler, end);
+    portable_quantise_moving_boxes(boxes, end, occupied, w->avx2, (struct portable_moving_node *)(void *)node);
 }
 
 /*
@@ -123,8 +138,6 @@ static inline uint32_t mask_of(bool condition)
 static void write_node(const struct portable_writer *w, const struct wide_node *wide, struct portable_node *node)
 {
     static const uint8_t unary[] = {0, 0x20, 0x60, 0xe0};
-    struct box storage[WIDE_ARITY];
-    const struct box *boxes[WIDE_ARITY];
     unsigned occupied = 0, inner = 0, records = 0;
     uint32_t filler = 0;
     uint8_t meta[WIDE_ARITY];
@@ -138,11 +151,7 @@ static void write_node(const struct portable_writer *w, const struct wide_node *
         records += child->ref_count;
         filler = (child->node & is_there) | (filler & ~is_there);
     }
-    for (unsigned slot = 0; slot < WIDE_ARITY; slot++) {
-        uint32_t own = wide->slots[slot].node; /* 0 in an empty slot */
-        boxes[slot] = box_of(w->input->ir, own | (filler & mask_of(!(occupied >> slot & 1))), &storage[slot]);
-    }
-    portable_quantise_boxes(boxes, occupied, w->avx2, node);
+    write_boxes(w, wide, occupied, filler, node);
     memcpy(node->meta, meta, sizeof meta);
     node->inner_mask = (uint8_t)inner;
     node->first_child = wide->first_child;
@@ -172,7 +181,7 @@ static void write_nodes(const struct portable_writer *w, size_t index)
     size_t begin, end;
     struct node_refs ring[PREFETCH_AHEAD + 1];
     parallel_chunk(index, NODE_CHUNK, wide->node_count, &begin, &end);
-    struct portable_node *nodes = (struct portable_node *)(void *)(w->body + w->header.node_offset);
+    unsigned char *node = w->body + w->header.node_offset + (uint64_t)begin * w->records.kind->node_size;
     for (size_t ahead = begin; ahead < end + PREFETCH_AHEAD; ahead++) {
         if (ahead < end)
             prefetch_node(w, &wide->nodes[ahead], &ring[ahead % (PREFETCH_AHEAD + 1)]);
@@ -181,7 +190,8 @@ static void write_nodes(const struct portable_writer *w, size_t index)
         size_t i = ahead - PREFETCH_AHEAD;
         const struct node_refs *refs = &ring[i % (PREFETCH_AHEAD + 1)];
         portable_records_write(&w->records, wide->nodes[i].first_leaf, refs->refs, refs->count);
-        write_node(w, &wide->nodes[i], &nodes[i]);
+        write_node(w, &wide->nodes[i], (struct portable_node *)(void *)node);
+        node += w->records.kind->node_size;
     }
 }
 
@@ -313,18 +323,11 @@ static void copy_run(const struct portable_writer *w, const struct canonical_geo
                      size_t end)
 {
     if (begin == end)
-        return; /* a geometry without vertices has no positions */
-    const struct record_kind *kind = w->records.kind;
-    const size_t floats = portable_records_vertex_floats(kind);
-    const float *source = geometry->positions + floats * (begin - geometry->first_vertex);
-    float *vertices = (float *)(void *)(w->body + w->header.vertex_offset);
-    if (!w->remap) {
-        memcpy(vertices + floats * begin, source, kind->vertex_size * (end - begin));
         return;
-    }
-    for (size_t i = begin; i < end; i++, source += floats)
-        if (w->used[i])
-            portable_records_copy_vertex(kind, source, vertices + floats * w->remap[i]);
+    const struct record_kind *kind = w->records.kind;
+    unsigned char *to = w->body + w->header.vertex_offset + kind->vertex_size * (w->remap ? w->remap[begin] : begin);
+    kind->copy_vertices(geometry, (uint32_t)begin - geometry->first_vertex, (uint32_t)(end - begin),
+                        w->remap ? w->used + begin : NULL, (float *)(void *)to);
 }
 
 /* Returns the last geometry that starts at or before a vertex; it is never one without vertices. */
@@ -422,7 +425,7 @@ static uint64_t portable_bound(const struct layout_counts *counts)
         record_content_for(counts->structure_type, counts->geometry_type, counts->layout_flags);
     const struct record_kind *kind = record_kind_of(content);
     const uint64_t geometries = record_kind_is_top(content) ? 0 : counts->geometry_count;
-    return sizeof(struct portable_header) + counts->wide_nodes * sizeof(struct portable_node) +
+    return sizeof(struct portable_header) + counts->wide_nodes * kind->node_size +
            bytes_align(counts->refs * kind->size, 16) + bytes_align(counts->vertices * kind->vertex_size, 16) +
            geometries * sizeof(struct portable_geometry);
 }

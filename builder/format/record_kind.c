@@ -15,7 +15,8 @@ const struct record_kind *const record_kinds[PORTABLE_CONTENTS] = {
 /* Several contents may hold one type of geometry: the content that needs no flag comes first. */
 enum portable_content record_content_for(uint32_t structure_type, uint32_t geometry_type, uint32_t layout_flags)
 {
-    const uint32_t type = structure_type == STRUCTURE_TOP ? GEOMETRY_INSTANCES : geometry_type;
+    const bool is_static_top = structure_type == STRUCTURE_TOP && geometry_type != GEOMETRY_MOVING_INSTANCES;
+    const uint32_t type = is_static_top ? GEOMETRY_INSTANCES : geometry_type;
     enum portable_content found = PORTABLE_INDEXED_TRIANGLES;
     for (uint32_t content = 0; content < PORTABLE_CONTENTS; content++)
         if (record_kinds[content]->type == type && !(record_kinds[content]->layout_flag & ~layout_flags))
@@ -25,6 +26,5 @@ enum portable_content record_content_for(uint32_t structure_type, uint32_t geome
 
 enum portable_content record_content_of(const struct canonical *canonical, uint32_t layout_flags)
 {
-    const uint32_t type = canonical->geometry_count > 0 ? canonical->geometries[0].type : GEOMETRY_TRIANGLES;
-    return record_content_for(canonical->type, type, layout_flags);
+    return record_content_for(canonical->type, canonical_kind(canonical), layout_flags);
 }

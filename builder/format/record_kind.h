@@ -17,10 +17,12 @@ struct portable_records;
 /* One kind of records. */
 struct record_kind {
     uint32_t version; /* the layout's version of structures with this content: the oldest one that has it */
-    uint32_t type; /* GEOMETRY_ of what they are made from; instances make a top level */
+    uint32_t type; /* GEOMETRY_ of what they are made from, for motion triangles also static ones beside them */
+    bool is_top; /* a top level consists of them */
     uint32_t layout_flag; /* the flag of a request that chooses it among the contents of this type; 0: none is needed */
     uint16_t size; /* bytes of a record */
     uint16_t vertex_size; /* bytes of a vertex; 0: the records hold their geometry themselves */
+    uint16_t node_size; /* of struct portable_node, or portable_moving_node for contents that move */
     /*
      * The most primitives that share a leaf from the beginning of a build. Primitives that are fast to test need no
      * tree of their own; the collapse may decide on each of the others.
@@ -45,6 +47,12 @@ struct record_kind {
     /* Does the same for `count` primitives of one geometry, from its primitive `first` on. */
     void (*mark_range)(const struct canonical_geometry *geometry, uint32_t first, uint32_t count, uint8_t *used);
     /*
+     * Copies the vertices first .. first + count - 1 of a geometry to `to`, without those whose used[i], counted from
+     * `first`, is 0; NULL: all are used. Returns where the next one goes. NULL: there are no vertices.
+     */
+    float *(*copy_vertices)(const struct canonical_geometry *geometry, uint32_t first, uint32_t count,
+                            const uint8_t *used, float *to);
+    /*
      * Returns the first record of an untrusted structure, of which the sections and the nodes have been checked, that
      * no writer has made, or the number of records if there is none.
      */
@@ -68,12 +76,19 @@ static inline const struct record_kind *record_kind_of(uint32_t content)
 /* Returns whether structures with that content are top levels, which have handles and no geometries. */
 static inline bool record_kind_is_top(uint32_t content)
 {
-    return content < PORTABLE_CONTENTS && record_kinds[content]->type == GEOMETRY_INSTANCES;
+    return content < PORTABLE_CONTENTS && record_kinds[content]->is_top;
+}
+
+/* Returns whether records of this kind move, and their nodes have boxes at t = 0 and t = 1. */
+static inline bool record_kind_moves(const struct record_kind *kind)
+{
+    return kind->node_size == sizeof(struct portable_moving_node);
 }
 
 /*
  * Returns the content that a structure of STRUCTURE_ `structure_type` gets, whose geometries are of GEOMETRY_
- * `geometry_type`. A top level is one of instances even if it has no geometry.
+ * `geometry_type`: if they are of several, the one that moves. A top level is one of instances even if it has no
+ * geometry.
  */
 enum portable_content record_content_for(uint32_t structure_type, uint32_t geometry_type, uint32_t layout_flags);
 

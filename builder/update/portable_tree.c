@@ -9,8 +9,9 @@
 static bool records_are_in_order(const struct portable_view *view, uint32_t node, unsigned records)
 {
     const struct portable_header *header = view->header;
-    const uint32_t first = view->nodes[node].first_record,
-                   next = node + 1 < header->node_count ? view->nodes[node + 1].first_record : header->record_count;
+    const uint32_t first = portable_node_at(view, node)->first_record,
+                   next = node + 1 < header->node_count ? portable_node_at(view, node + 1)->first_record
+                                                        : header->record_count;
     return (node > 0 || first == 0) && first <= header->record_count && records <= header->record_count - first &&
            first + records == next;
 }
@@ -24,7 +25,7 @@ static bool children_are_inside(const struct portable_node *own, uint32_t node, 
 bool portable_tree_read(const struct portable_view *view, uint32_t node, uint32_t end, struct portable_shape *ret)
 {
     static const uint8_t counts[8] = {[1] = 1, [3] = 2, [7] = 3};
-    const struct portable_node *own = &view->nodes[node];
+    const struct portable_node *own = portable_node_at(view, node);
     const unsigned inner = own->inner_mask;
     unsigned occupied = 0, leaves = 0, records = 0;
     for (unsigned slot = 0; slot < 8; slot++) {
@@ -45,8 +46,8 @@ bool portable_tree_read(const struct portable_view *view, uint32_t node, uint32_
 static uint32_t descendants_from(const struct portable_view *view, uint32_t child, uint32_t siblings_end, uint32_t end)
 {
     for (; child < siblings_end; child++)
-        if (view->nodes[child].inner_mask != 0)
-            return view->nodes[child].first_child;
+        if (portable_node_at(view, child)->inner_mask != 0)
+            return portable_node_at(view, child)->first_child;
     return end;
 }
 
@@ -54,7 +55,7 @@ static uint32_t descendants_from(const struct portable_view *view, uint32_t chil
 static bool cut(const struct portable_view *view, struct subtrees *subtrees, uint32_t node, uint32_t begin,
                 uint32_t end, int level)
 {
-    const struct portable_node *own = &view->nodes[node];
+    const struct portable_node *own = portable_node_at(view, node);
     const uint32_t count = (uint32_t)__builtin_popcount(own->inner_mask);
     subtrees_add_top(subtrees, node);
     if (count == 0)
@@ -67,7 +68,7 @@ static bool cut(const struct portable_view *view, struct subtrees *subtrees, uin
     }
     uint32_t next = begin + count;
     for (uint32_t child = begin; child < begin + count; child++) {
-        bool has_children = view->nodes[child].inner_mask != 0;
+        bool has_children = portable_node_at(view, child)->inner_mask != 0;
         uint32_t last = has_children ? descendants_from(view, child + 1, begin + count, end) : next;
         if (last > end || !cut(view, subtrees, child, next, last, level + 1))
             return false;

@@ -15,25 +15,6 @@ struct vertices {
     uint32_t *first_kept; /* for each chunk of vertices: how many are kept before it */
 };
 
-/* Copies the kept ones among vertices [begin, end) of one geometry. Returns where the next vertex goes. */
-static float *copy_run(const struct vertices *vertices, const struct canonical_geometry *geometry, size_t begin,
-                       size_t end, float *to)
-{
-    const struct record_kind *kind = vertices->kind;
-    const size_t floats = portable_records_vertex_floats(kind);
-    const float *from = geometry->positions + floats * (begin - geometry->first_vertex);
-    if (!vertices->used) {
-        memcpy(to, from, kind->vertex_size * (end - begin));
-        return to + floats * (end - begin);
-    }
-    for (size_t i = begin; i < end; i++, from += floats)
-        if (vertices->used[i]) {
-            portable_records_copy_vertex(kind, from, to);
-            to += floats;
-        }
-    return to;
-}
-
 static void copy_chunk(void *context, size_t index)
 {
     const struct vertices *vertices = context;
@@ -41,7 +22,7 @@ static void copy_chunk(void *context, size_t index)
     size_t begin, end;
     parallel_chunk(index, COPY_CHUNK, canonical->vertex_count, &begin, &end);
     const size_t first = vertices->used ? vertices->first_kept[index] : begin;
-    float *to = vertices->written + portable_records_vertex_floats(vertices->kind) * first;
+    float *to = vertices->written + vertices->kind->vertex_size / sizeof *to * first;
     const struct canonical_geometry *geometry =
         canonical->geometries + prefix_find(&canonical->geometries[0].first_vertex, sizeof canonical->geometries[0],
                                             canonical->geometry_count, begin);
@@ -49,7 +30,9 @@ static void copy_chunk(void *context, size_t index)
         size_t limit = (size_t)geometry->first_vertex + geometry->vertex_count;
         limit = limit < end ? limit : end;
         if (begin < limit)
-            to = copy_run(vertices, geometry, begin, limit, to);
+            to = vertices->kind->copy_vertices(geometry, (uint32_t)begin - geometry->first_vertex,
+                                               (uint32_t)(limit - begin),
+                                               vertices->used ? vertices->used + begin : NULL, to);
         begin = limit;
     }
 }

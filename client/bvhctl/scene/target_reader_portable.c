@@ -127,7 +127,7 @@ static unsigned leaf_count(uint8_t meta)
 /* Counts node `index`. Parents come before their children in the file, so the level of a node is known by then. */
 static void count_node(const struct portable_view *view, uint32_t index, uint8_t *levels, struct survey *survey)
 {
-    const struct portable_node *node = &view->nodes[index];
+    const struct portable_node *node = portable_node_at(view, index);
     unsigned children = 0, inner = 0;
     survey->level_nodes[levels[index]]++;
     for (unsigned slot = 0; slot < 8; slot++) {

@@ -45,8 +45,9 @@ static void versions_tell_the_kinds(void **state)
     static const struct {
         uint32_t type, portable, lavapipe;
     } rows[] = {
-        {GEOMETRY_TRIANGLES, 1, 1}, {GEOMETRY_AABBS, 1, 1},         {GEOMETRY_INSTANCES, 1, 1},
-        {GEOMETRY_SPHERES, 2, 0},   {GEOMETRY_SWEPT_SPHERES, 2, 0},
+        {GEOMETRY_TRIANGLES, 1, 1},        {GEOMETRY_AABBS, 1, 1},         {GEOMETRY_INSTANCES, 1, 1},
+        {GEOMETRY_SPHERES, 2, 0},          {GEOMETRY_SWEPT_SPHERES, 2, 0}, {GEOMETRY_MOVING_TRIANGLES, 2, 0},
+        {GEOMETRY_MOVING_INSTANCES, 2, 0},
     };
     (void)state;
     assert_int_equal(sizeof rows / sizeof *rows, KIND_COUNT);
@@ -69,6 +70,12 @@ static void versions_tell_the_kinds(void **state)
     const struct canonical none = {.type = STRUCTURE_BOTTOM}, top = {.type = STRUCTURE_TOP};
     assert_int_equal(layout_version(&layout_portable, &none), 1);
     assert_int_equal(layout_version(&layout_portable, &top), 1);
+    /* One geometry that moves decides for all. */
+    struct canonical_geometry mixed_rows[] = {{.type = GEOMETRY_TRIANGLES}, {.type = GEOMETRY_MOVING_TRIANGLES}};
+    const struct canonical mixed = {.type = STRUCTURE_BOTTOM, .geometry_count = 2, .geometries = mixed_rows};
+    assert_int_equal(canonical_kind(&mixed), GEOMETRY_MOVING_TRIANGLES);
+    assert_int_equal(layout_version(&layout_portable, &mixed), 2);
+    assert_int_equal(layout_version(&layout_lavapipe, &mixed), 0);
 }
 
 int main(void)

@@ -14,9 +14,13 @@
 /* The plain version, which the library does not contain if the machine has SSE2. */
 #define BVHD_SCALAR
 #define portable_quantise portable_quantise_scalar
+#define portable_quantise_moving portable_quantise_moving_scalar
 void portable_quantise_scalar(const struct portable_boxes *boxes, unsigned occupied, struct portable_node *ret_node);
+void portable_quantise_moving_scalar(const struct portable_boxes *start, const struct portable_boxes *end,
+                                     unsigned occupied, struct portable_moving_node *ret_node);
 #include "builder/format/portable_quantise.c"
 #undef portable_quantise
+#undef portable_quantise_moving
 
 /*
  * Returns the sign of high - low - span in real numbers: the rounded difference decides unless it equals span; then its
@@ -37,23 +41,29 @@ static double step_of(const struct portable_node *node, int axis)
     return node->exponent[axis] ? ldexp(1, node->exponent[axis] - 127) : 0;
 }
 
+/* What all boxes on one axis reach from and to. */
+struct reach {
+    float low, high;
+};
+
+/* Checks the bytes of one axis, and extends *reach. */
 static void check_axis(const struct portable_boxes *boxes, unsigned occupied, const struct portable_node *node,
-                       int axis)
+                       const uint8_t lows[8], const uint8_t highs[8], int axis, struct reach *reach)
 {
     double step = step_of(node, axis);
-    float origin = node->origin[axis], low = FLT_MAX, high = -FLT_MAX;
+    float origin = node->origin[axis];
     assert_true(isfinite(origin));
     assert_true(node->exponent[axis] < 255);
     for (int slot = 0; slot < 8; slot++) {
-        int lo = node->lo[axis][slot], hi = node->hi[axis][slot];
+        int lo = lows[slot], hi = highs[slot];
         float min = boxes->min[axis][slot], max = boxes->max[axis][slot];
         if (!(occupied >> slot & 1)) {
             assert_int_equal(lo, 255);
             assert_int_equal(hi, 0);
             continue;
         }
-        low = min < low ? min : low;
-        high = max > high ? max : high;
+        reach->low = min < reach->low ? min : reach->low;
+        reach->high = max > reach->high ? max : reach->high;
         if (step == 0) {
             assert_true(min == origin && max == origin && lo == 0 && hi == 0);
             continue;
@@ -68,10 +78,25 @@ static void check_axis(const struct portable_boxes *boxes, unsigned occupied, co
         assert_true(compare(min, origin, step * (lo + 1 + 1.0 / 64 + 0x1p-20)) < 0);
         assert_true(hi == 0 || compare(max, origin, step * (hi - 1 - 1.0 / 64 - 0x1p-20)) > 0);
     }
-    /* Half the step would not suffice, unless floats are too coarse for its origin. */
-    if (step > 0x1p-126) {
-        double coarse = fmax(nextafterf(fabsf(low), INFINITY) - (double)fabsf(low), 0);
-        assert_true((double)high - low + 2 * coarse > step / 2 * (255 - 1.0 / 32) * (1 - 0x1p-30));
+}
+
+/* Half the step would not suffice, unless floats are too coarse for its origin. */
+static void check_step(const struct portable_node *node, int axis, struct reach reach)
+{
+    const double step = step_of(node, axis),
+                 coarse = fmax(nextafterf(fabsf(reach.low), INFINITY) - (double)fabsf(reach.low), 0);
+    if (step > 0x1p-126)
+        assert_true((double)reach.high - reach.low + 2 * coarse > step / 2 * (255 - 1.0 / 32) * (1 - 0x1p-30));
+}
+
+static void make_rows(const struct portable_boxes *boxes, struct box rows[8], const struct box *pointers[8])
+{
+    for (int slot = 0; slot < 8; slot++) {
+        pointers[slot] = &rows[slot];
+        for (int axis = 0; axis < 3; axis++) {
+            rows[slot].min[axis] = boxes->min[axis][slot];
+            rows[slot].max[axis] = boxes->max[axis][slot];
+        }
     }
 }
 
@@ -80,13 +105,7 @@ static void check_boxes(const struct portable_boxes *boxes, unsigned occupied, c
 {
     struct box rows[8];
     const struct box *pointers[8];
-    for (int slot = 0; slot < 8; slot++) {
-        pointers[slot] = &rows[slot];
-        for (int axis = 0; axis < 3; axis++) {
-            rows[slot].min[axis] = boxes->min[axis][slot];
-            rows[slot].max[axis] = boxes->max[axis][slot];
-        }
-    }
+    make_rows(boxes, rows, pointers);
     for (int wide = 0; wide <= portable_has_avx2(); wide++) {
         struct portable_node node;
         memset(&node, 0x5a, sizeof node);
@@ -104,10 +123,41 @@ static void check(const struct portable_boxes *boxes, unsigned occupied)
     portable_quantise_scalar(boxes, occupied, &scalar);
     assert_memory_equal(&node, &scalar, sizeof node);
     check_boxes(boxes, occupied, &scalar);
-    for (int axis = 0; axis < 3; axis++)
-        check_axis(boxes, occupied, &node, axis);
+    for (int axis = 0; axis < 3; axis++) {
+        struct reach reach = {FLT_MAX, -FLT_MAX};
+        check_axis(boxes, occupied, &node, node.lo[axis], node.hi[axis], axis, &reach);
+        check_step(&node, axis, reach);
+    }
     assert_int_equal(node.first_child, 0x5a5a5a5a);
     assert_int_equal(node.meta[3], 0x5a);
+}
+
+/* The same for a node with two boxes in each slot. */
+static void check_moving(const struct portable_boxes *start, const struct portable_boxes *end, unsigned occupied)
+{
+    struct portable_moving_node node, other;
+    struct box rows[2][8];
+    const struct box *pointers[2][8];
+    memset(&node, 0x5a, sizeof node);
+    other = node;
+    portable_quantise_moving(start, end, occupied, &node);
+    portable_quantise_moving_scalar(start, end, occupied, &other);
+    assert_memory_equal(&node, &other, sizeof node);
+    make_rows(start, rows[0], pointers[0]);
+    make_rows(end, rows[1], pointers[1]);
+    for (int wide = 0; wide <= portable_has_avx2(); wide++) {
+        memset(&other, 0x5a, sizeof other);
+        portable_quantise_moving_boxes(pointers[0], pointers[1], occupied, wide, &other);
+        assert_memory_equal(&node, &other, sizeof node);
+    }
+    for (int axis = 0; axis < 3; axis++) {
+        struct reach reach = {FLT_MAX, -FLT_MAX};
+        check_axis(start, occupied, &node.start, node.start.lo[axis], node.start.hi[axis], axis, &reach);
+        check_axis(end, occupied, &node.start, node.end_lo[axis], node.end_hi[axis], axis, &reach);
+        check_step(&node.start, axis, reach);
+    }
+    assert_int_equal(node.start.first_child, 0x5a5a5a5a);
+    assert_int_equal(node.start.meta[3], 0x5a);
 }
 
 static float clamp(double value)
@@ -147,6 +197,44 @@ static void boxes_hold_with_room_at_every_magnitude(void **state)
         fill(&random, centre, size, occupied, &boxes);
         check(&boxes, occupied);
     }
+}
+
+static void both_keys_hold_on_one_grid(void **state)
+{
+    (void)state;
+    struct random random = {9};
+    for (int round = 0; round < 30000; round++) {
+        struct portable_boxes start, end;
+        const double size = ldexp(random_between(&random, 0.5, 1), (int)(random_next(&random) % 279) - 150),
+                     centre = size * ldexp(random_between(&random, -1, 1), (int)(random_next(&random) % 40)),
+                     way = random_next(&random) % 3 ? ldexp(size, (int)(random_next(&random) % 40) - 30) : 0;
+        const unsigned occupied = 1 + (unsigned)(random_next(&random) % 255);
+        fill(&random, centre, size, occupied, &start);
+        fill(&random, centre + way, random_next(&random) % 2 ? size : size / 64, occupied, &end);
+        check_moving(&start, random_next(&random) % 8 ? &end : &start, occupied);
+    }
+}
+
+/* An axis has no step only if the boxes of both keys lie at one coordinate. */
+static void moving_axes_are_flat_together(void **state)
+{
+    (void)state;
+    struct portable_boxes start, end;
+    struct portable_moving_node node;
+    for (int slot = 0; slot < 8; slot++)
+        for (int axis = 0; axis < 3; axis++) {
+            start.min[axis][slot] = start.max[axis][slot] = -0.0f;
+            end.min[axis][slot] = end.max[axis][slot] = axis == 1 ? 1 : 0;
+        }
+    portable_quantise_moving(&start, &end, 0xff, &node);
+    assert_true(node.start.exponent[0] == 0 && node.start.exponent[1] > 0 && node.start.exponent[2] == 0);
+    assert_true(node.start.hi[1][0] < node.end_lo[1][0]);
+    assert_false(signbit(node.start.origin[0]));
+    check_moving(&start, &end, 0xff);
+    check_moving(&end, &start, 0x81);
+    for (int slot = 0; slot < 8; slot++)
+        end.max[2][slot] = FLT_MAX, start.min[2][slot] = -FLT_MAX;
+    check_moving(&start, &end, 0xff);
 }
 
 static void one_ulp_apart(void **state)
@@ -244,6 +332,8 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(boxes_hold_with_room_at_every_magnitude),
+        cmocka_unit_test(both_keys_hold_on_one_grid),
+        cmocka_unit_test(moving_axes_are_flat_together),
         cmocka_unit_test(one_ulp_apart),
         cmocka_unit_test(the_whole_range_of_floats),
         cmocka_unit_test(flat_axes_are_exact),
