@@ -13,8 +13,8 @@
  * inactive instance. Spheres: four floats a vertex, its centre and its radius; indices are u32 (one a sphere) or absent
  * (sphere i is vertex i). Linear swept spheres: the same vertices, and one u32 each, the number of its first end, whose
  * successor is its second end, with the bits CANONICAL_CAP_FIRST and CANONICAL_CAP_SECOND for the ends that have a cap.
- * Motion triangles: as triangles, and behind all positions of t = 0 those of t = 1. Motion instances: 160-byte records as
- * in Vulkan, whose reference is the 1-based row, and whose unused bytes and flags are 0.
+ * Motion triangles: as triangles, and behind all positions of t = 0 those of t = 1. Motion instances: 160-byte records
+ * as in Vulkan, whose reference is the 1-based row, and whose unused bytes and flags are 0.
  */
 #ifndef BVHD_CANONICAL_H
 #define BVHD_CANONICAL_H
@@ -22,7 +22,10 @@
 #include "proto/base/geometry.h"
 #include "proto/base/status.h"
 
-/* A block has the oldest version that can express it: spheres and linear swept spheres need the newer one. */
+/*
+ * A block has the oldest version that can express it: spheres, linear swept spheres and the flag BUILD_MOTION need the
+ * newer one.
+ */
 enum { CANONICAL_VERSION = 2, CANONICAL_VERSION_ROUND = 3 };
 
 /* The index of a linear swept sphere: whether its ends have caps, and its first end. */
@@ -81,7 +84,8 @@ struct canonical {
 
 /* The fields of a Vulkan instance record, bit exact. */
 struct canonical_instance {
-    float transform[12]; /* row-major 3x4, object to world */
+    float
+        transform[12]; /* row-major 3x4, object to world; of a motion instance that at t = 0, and of an SRT one zeros */
     uint32_t custom_index; /* 24 bits */
     uint32_t mask; /* 8 bits */
     uint32_t sbt_offset; /* 24 bits */
@@ -89,17 +93,62 @@ struct canonical_instance {
     uint64_t reference; /* 1-based row of the reference table; 0: inactive */
 };
 
-/* Unpacks instance `index` of an instances geometry. */
+/* Unpacks instance `index` of an instances or a motion instances geometry. */
 struct canonical_instance canonical_instance(const struct canonical_geometry *geometry, uint32_t index);
 
-/* Copies the three corners of triangle `index`. */
+/*
+ * The numbers of an instance at t = 0 and t = 1, for motion_matrix (motion.h): of MOTION_STATIC and MOTION_MATRIX the
+ * first 12, and of a static one the same twice. Numbers that the type does not use are 0.
+ */
+struct canonical_motion {
+    uint32_t type; /* MOTION_ */
+    float start[16], end[16];
+};
+
+/* Unpacks how instance `index` of an instances or a motion instances geometry moves. */
+struct canonical_motion canonical_motion(const struct canonical_geometry *geometry, uint32_t index);
+
+/*
+ * Returns where the other fields begin after the numbers of a record of an instances geometry of this GEOMETRY_ type.
+ */
+static inline uint32_t canonical_record_fields(uint32_t geometry_type, const unsigned char *record)
+{
+    static const uint32_t motion_fields[MOTION_TYPES] = {MOTION_RECORD_DATA + 48, MOTION_RECORD_DATA + 2 * 48,
+                                                         MOTION_RECORD_DATA + 2 * 64};
+    return geometry_type == GEOMETRY_MOVING_INSTANCES ? motion_fields[bytes_get32(record)] : 48;
+}
+
+/*
+ * Returns the type of geometry that decides how a structure is built and written: one that moves if there is any, else
+ * that of all geometries. A structure without geometries is one of triangles, or of instances.
+ */
+uint32_t canonical_kind(const struct canonical *canonical);
+
+/* Returns whether anything in a structure moves, so that its boxes have two keys. */
+bool canonical_moves(const struct canonical *canonical);
+
+/* Returns the positions of a triangles or a motion triangles geometry at t = 0 (key 0) or t = 1 (key 1). */
+static inline const float *canonical_positions(const struct canonical_geometry *geometry, int key)
+{
+    return key == 1 && geometry->end_positions ? geometry->end_positions : geometry->positions;
+}
+
+/* Copies the three corners of triangle `index` at t = 0 (key 0) or t = 1 (key 1). */
+static inline void canonical_triangle_at(const struct canonical_geometry *geometry, uint32_t index, int key,
+                                         float ret_corners[3][3])
+{
+    const float *positions = canonical_positions(geometry, key);
+    for (int k = 0; k < 3; k++) {
+        uint32_t vertex = geometry->indices ? geometry->indices[(uint64_t)3 * index + k] : 3 * index + k;
+        memcpy(ret_corners[k], positions + (uint64_t)3 * vertex, 3 * sizeof(float));
+    }
+}
+
+/* Copies the three corners of triangle `index` of a geometry that does not move. */
 static inline void canonical_triangle(const struct canonical_geometry *geometry, uint32_t index,
                                       float ret_corners[3][3])
 {
-    for (int k = 0; k < 3; k++) {
-        uint32_t vertex = geometry->indices ? geometry->indices[(uint64_t)3 * index + k] : 3 * index + k;
-        memcpy(ret_corners[k], geometry->positions + (uint64_t)3 * vertex, 3 * sizeof(float));
-    }
+    canonical_triangle_at(geometry, index, 0, ret_corners);
 }
 
 /*

@@ -7,9 +7,10 @@
 #include "proto/base/kind.h"
 #include "proto/base/place.h"
 
-uint32_t form_version(const struct form_geometry *rows, uint32_t count)
+uint32_t form_version(const struct form_geometry *rows, uint32_t count, uint32_t flags)
 {
-    return count > 0 ? input_kind_of(rows[0].type)->version : CANONICAL_VERSION;
+    const uint32_t least = flags & BUILD_MOTION ? CANONICAL_VERSION_ROUND : CANONICAL_VERSION;
+    return count > 0 && input_kind_of(rows[0].type)->version > least ? input_kind_of(rows[0].type)->version : least;
 }
 
 uint64_t form_bytes(const struct form_geometry *row, enum form_section section)

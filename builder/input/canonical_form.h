@@ -14,7 +14,7 @@
 
 #include "builder/format/canonical.h"
 
-enum { FORM_ALIGNMENT = 16, FORM_RECORD_SIZE = 64, FORM_RECORD_REFERENCE = 56 };
+enum { FORM_ALIGNMENT = 16, FORM_RECORD_SIZE = 64 };
 
 static const char form_magic[4] = {'B', 'V', 'H', 'C'};
 
@@ -74,8 +74,8 @@ struct form_reference {
 _Static_assert(sizeof(struct form_header) == 64 && sizeof(struct form_geometry) == 64, "format");
 _Static_assert(sizeof(struct form_reference) == 144, "format");
 
-/* Returns the version of a block with these rows. */
-uint32_t form_version(const struct form_geometry *rows, uint32_t count);
+/* Returns the version of a block with these rows and BUILD_ flags. */
+uint32_t form_version(const struct form_geometry *rows, uint32_t count, uint32_t flags);
 
 /* Returns the row of a geometry of a block that has been checked so far. */
 static inline const struct form_geometry *form_row(const struct canonical *canonical, uint32_t geometry)

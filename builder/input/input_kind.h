@@ -27,6 +27,7 @@ struct reach;
 
 struct input_kind {
     uint32_t version; /* of a canonical copy with such geometries (canonical.h) */
+    bool has_radii; /* its rows have the fields of round kinds */
     uint32_t corners; /* vertices of a primitive; 0: the kind has no vertices */
 
     /* Checks the range of the geometry, and that the memory which it names is there. */
@@ -71,6 +72,12 @@ struct input_kind {
     /* Classifies one primitive, and finds its box. */
     struct classification (*look)(const struct canonical *canonical, const struct canonical_geometry *geometry,
                                   uint32_t index);
+    /*
+     * Does the same, and finds the boxes at t = 0 and at t = 1, between which that of another time is interpolated.
+     * NULL: the primitives do not move.
+     */
+    struct classification (*look_at_keys)(const struct canonical *canonical, const struct canonical_geometry *geometry,
+                                          uint32_t index, struct box ret_boxes[2]);
     /* Makes the refs of primitives [first, end), counts those that get none, and returns the number of refs. */
     uint32_t (*collect)(const struct canonical *canonical, const struct canonical_geometry *geometry, uint32_t first,
                         uint32_t end, struct classification_counts *counts, struct primitive_ref *refs);
@@ -78,7 +85,8 @@ struct input_kind {
     void (*outline)(const struct canonical_geometry *geometry, uint32_t first, uint32_t count, struct reach *reach);
 };
 
-extern const struct input_kind input_triangles, input_aabbs, input_instances, input_spheres, input_swept_spheres;
+extern const struct input_kind input_triangles, input_aabbs, input_instances, input_spheres, input_swept_spheres,
+    input_moving_triangles, input_moving_instances;
 
 /* Returns the kind of geometries of this type; NULL for a type that bvhd does not build. */
 const struct input_kind *input_kind_of(uint32_t type);

@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "builder/input/input_kind.h"
+#include "builder/input/instances.h"
 
 #include "builder/input/classification.h"
-#include "builder/input/fetch_internal.h"
 #include "builder/input/outline.h"
+#include "builder/input/transform.h"
 #include "builder/input/validate.h"
-#include "proto/base/place.h"
+#include "proto/base/kind.h"
 #include "proto/base/round_outward.h"
 
 /* A number of records that stay in the first-level cache between two passes over them. */
@@ -16,30 +16,38 @@ enum { BLOCK = 256 };
  * exist.
  */
 enum { INSTANCE_MICROMAP_FLAGS = 0x30, INSTANCE_UNKNOWN_FLAGS = 0xc0 };
-enum { RECORD_FLAGS = 52 };
 
-static enum bvhd_status check_memory(const struct validate_subject *subject)
+/* Where the other fields of a record have the flags and the reference. */
+enum { FIELD_FLAGS = 4, FIELD_REFERENCE = 8 };
+
+enum bvhd_status instances_check_memory(const struct validate_subject *subject)
 {
     const struct bytes *records = &subject->geometry->instances.records;
     const struct geometry_range *range = &subject->geometry->range;
+    const uint64_t size = kind_find(subject->geometry->type)->primitive_bytes;
     if (range->primitive_offset % 16 != 0)
         return bvhd_error_rule(subject->error, BVHD_VUID_03660, VALIDATE_RANGE_PLACE(subject, "primitiveOffset"),
                                "%u is no multiple of 16", range->primitive_offset);
-    if (range->primitive_count > 0 &&
-        (!records->data || !bytes_reach(records->size, range->primitive_offset, 64, range->primitive_count - 1, 64)))
+    if (range->primitive_count > 0 && (!records->data || !bytes_reach(records->size, range->primitive_offset, size,
+                                                                      range->primitive_count - 1, size)))
         return validate_refuse_memory(subject, BVHD_VUID_03778, "instances.data", records, "instances");
     return BVHD_OK;
 }
 
-static void view(const void *data, struct canonical_geometry *geometry)
+void instances_view(const void *data, struct canonical_geometry *geometry)
 {
     geometry->instances = data;
 }
 
-static bool flags_are_valid(uint32_t flags)
+bool instances_flags_are_valid(const unsigned char *fields)
 {
-    const uint32_t both = INSTANCE_FORCE_OPAQUE | INSTANCE_FORCE_NO_OPAQUE;
+    const uint32_t both = INSTANCE_FORCE_OPAQUE | INSTANCE_FORCE_NO_OPAQUE, flags = fields[FIELD_FLAGS + 3];
     return (flags & (INSTANCE_MICROMAP_FLAGS | INSTANCE_UNKNOWN_FLAGS)) == 0 && (flags & both) != both;
+}
+
+bool instances_are_active(const unsigned char *fields)
+{
+    return bytes_get64(fields + FIELD_REFERENCE) != 0;
 }
 
 static bool matrix_is_valid(const unsigned char *record)
@@ -52,32 +60,34 @@ static bool matrix_is_valid(const unsigned char *record)
 static bool are_valid(const unsigned char *records, uint64_t count)
 {
     for (uint64_t i = 0; i < count; i++, records += FORM_RECORD_SIZE)
-        if (!flags_are_valid(bytes_get32(records + RECORD_FLAGS) >> 24) ||
-            (bytes_get64(records + FORM_RECORD_REFERENCE) != 0 && !matrix_is_valid(records)))
+        if (!instances_flags_are_valid(records + sizeof(float[12])) ||
+            (instances_are_active(records + sizeof(float[12])) && !matrix_is_valid(records)))
             return false;
     return true;
 }
 
-/*
- * Replaces handles by positions in the caller's table. Stops at the first unknown handle, because then the request
- * fails.
- */
+bool instances_look_up(struct fetch *fetch, unsigned char *fields, uint32_t index, struct instances_handle *last)
+{
+    const uint64_t handle = bytes_get64(fields + FIELD_REFERENCE);
+    if (handle != last->handle) {
+        last->handle = handle;
+        last->reference = handle ? reference_lookup_find(&fetch->lookup, handle) : 0;
+    }
+    if (handle && !last->reference) {
+        fetch_lower(&fetch->first_unknown, index);
+        return false;
+    }
+    bytes_put64(fields + FIELD_REFERENCE, last->reference);
+    return true;
+}
+
+/* Stops at the first unknown handle, because then the request fails. */
 static void look_up(struct fetch *fetch, unsigned char *records, uint32_t first, uint32_t count)
 {
-    uint64_t last_handle = 0, last_reference = 0;
-    for (uint32_t i = 0; i < count; i++) {
-        unsigned char *field = records + (size_t)FORM_RECORD_SIZE * i + FORM_RECORD_REFERENCE;
-        uint64_t handle = bytes_get64(field);
-        if (handle != last_handle) {
-            last_handle = handle;
-            last_reference = handle ? reference_lookup_find(&fetch->lookup, handle) : 0;
-        }
-        if (handle && !last_reference) {
-            fetch_lower(&fetch->first_unknown, first + i);
+    struct instances_handle last = {0, 0};
+    for (uint32_t i = 0; i < count; i++)
+        if (!instances_look_up(fetch, records + (size_t)FORM_RECORD_SIZE * i + sizeof(float[12]), first + i, &last))
             return;
-        }
-        bytes_put64(field, last_reference);
-    }
 }
 
 static void fetch_records(struct fetch *fetch, uint32_t index, uint32_t first, uint32_t count)
@@ -97,30 +107,41 @@ static void fetch_records(struct fetch *fetch, uint32_t index, uint32_t first, u
     }
 }
 
-static enum bvhd_status finish(struct fetch *fetch, uint32_t geometry, struct bvhd_error *error)
+enum bvhd_status instances_report_unknown(const struct fetch *fetch, uint32_t geometry, enum bvhd_vuid rule,
+                                          struct bvhd_error *error)
 {
     if (fetch->first_unknown == UINT32_MAX)
         return BVHD_OK;
-    return bvhd_error_rule(error, BVHD_VUID_03779,
+    return bvhd_error_rule(error, rule,
                            place("infos[%u].geometries[%u].instances[%u].accelerationStructureReference", fetch->index,
                                  geometry, fetch->first_unknown)
                                .text,
                            "names no known structure");
 }
 
-static enum bvhd_status report_instance(const unsigned char *record, struct place where, struct bvhd_error *error)
+static enum bvhd_status finish(struct fetch *fetch, uint32_t geometry, struct bvhd_error *error)
 {
-    uint32_t flags = bytes_get32(record + RECORD_FLAGS) >> 24;
+    return instances_report_unknown(fetch, geometry, BVHD_VUID_03779, error);
+}
+
+enum bvhd_status instances_report_flags(const unsigned char *fields, enum bvhd_vuid rule, struct place where,
+                                        struct bvhd_error *error)
+{
+    const uint32_t flags = fields[FIELD_FLAGS + 3];
     struct place where_flags = place("%s.flags", where.text);
     if (flags & INSTANCE_UNKNOWN_FLAGS)
-        return bvhd_error_rule(error, BVHD_VUID_Instance_flags_parameter, where_flags.text, "unknown bits 0x%x",
-                               flags & INSTANCE_UNKNOWN_FLAGS);
+        return bvhd_error_rule(error, rule, where_flags.text, "unknown bits 0x%x", flags & INSTANCE_UNKNOWN_FLAGS);
     if (flags & INSTANCE_MICROMAP_FLAGS)
         return bvhd_error_set(error, BVHD_UNSUPPORTED, where_flags.text, "flags 0x%x are about opacity micromaps",
                               flags & INSTANCE_MICROMAP_FLAGS);
-    if (!flags_are_valid(flags))
-        return bvhd_error_rule(error, BVHD_VUID_Instance_flags_parameter, where_flags.text,
-                               "FORCE_OPAQUE and FORCE_NO_OPAQUE exclude each other");
+    return bvhd_error_rule(error, rule, where_flags.text, "FORCE_OPAQUE and FORCE_NO_OPAQUE exclude each other");
+}
+
+static enum bvhd_status report_instance(const unsigned char *record, struct place where, struct bvhd_error *error)
+{
+    const unsigned char *fields = record + sizeof(float[12]);
+    if (!instances_flags_are_valid(fields))
+        return instances_report_flags(fields, BVHD_VUID_Instance_flags_parameter, where, error);
     return bvhd_error_rule(error, BVHD_VUID_03799, place("%s.transform", where.text).text,
                            "the 3x3 part is not invertible");
 }
@@ -129,20 +150,19 @@ static enum bvhd_status check_contents(const struct canonical_geometry *geometry
                                        uint32_t info, uint32_t index, struct bvhd_error *error)
 {
     for (uint32_t i = first; i < first + count; i++) {
-        const unsigned char *record = geometry->instances + (uint64_t)FORM_RECORD_SIZE * i;
+        const unsigned char *record = instances_record(geometry, i);
         if (!are_valid(record, 1))
             return report_instance(record, place("infos[%u].geometries[%u].instances[%u]", info, index, i), error);
     }
     return BVHD_OK;
 }
 
-/* Checks that references are numbered in the order of first use, as the writer does. */
-static enum bvhd_status check_foreign(const struct canonical *canonical, uint32_t index, struct bvhd_error *error)
+enum bvhd_status instances_check_references(const struct canonical *canonical, uint32_t index, struct bvhd_error *error)
 {
     const struct canonical_geometry *geometry = &canonical->geometries[index];
     uint64_t used = 0;
     for (uint32_t i = 0; i < geometry->primitive_count; i++) {
-        uint64_t reference = bytes_get64(geometry->instances + (uint64_t)FORM_RECORD_SIZE * i + FORM_RECORD_REFERENCE);
+        uint64_t reference = bytes_get64(instances_fields(geometry, i) + FIELD_REFERENCE);
         if (reference > used + 1 || reference > canonical->reference_count)
             return form_corrupt(error, place("geometries[%u].instances[%u]", index, i).text,
                                 "a reference out of order");
@@ -153,24 +173,15 @@ static enum bvhd_status check_foreign(const struct canonical *canonical, uint32_
     return BVHD_OK;
 }
 
-/*
- * Transforms a box by its centre and half extent: c' = M c + t, e' = |M| e. `slack` bounds the rounding errors of these
- * few operations, relative to the sum of magnitudes.
- */
 static void transform_box(const float matrix[12], const struct box *box, struct box *ret_box)
 {
+    double rows[12], min[3], max[3];
+    for (int i = 0; i < 12; i++)
+        rows[i] = matrix[i];
+    transform_bounds(rows, box, min, max);
     for (int row = 0; row < 3; row++) {
-        const float *m = matrix + 4 * row;
-        double centre = m[3], extent = 0, magnitude = fabs((double)m[3]);
-        for (int axis = 0; axis < 3; axis++) {
-            double min = box->min[axis], max = box->max[axis];
-            centre += m[axis] * (0.5 * (min + max));
-            extent += fabs((double)m[axis]) * (0.5 * (max - min));
-            magnitude += fabs((double)m[axis]) * (fabs(min) + fabs(max));
-        }
-        double slack = magnitude * 0x1p-48;
-        ret_box->min[row] = classification_clamp(round_down(centre - extent - slack));
-        ret_box->max[row] = classification_clamp(round_up(centre + extent + slack));
+        ret_box->min[row] = classification_clamp(round_down(min[row]));
+        ret_box->max[row] = classification_clamp(round_up(max[row]));
     }
 }
 
@@ -208,12 +219,12 @@ static uint32_t collect(const struct canonical *canonical, const struct canonica
 
 const struct input_kind input_instances = {
     .version = CANONICAL_VERSION,
-    .check_memory = check_memory,
-    .view = view,
+    .check_memory = instances_check_memory,
+    .view = instances_view,
     .fetch_primitives = fetch_records,
     .finish = finish,
     .check_contents = check_contents,
-    .check_foreign = check_foreign,
+    .check_foreign = instances_check_references,
     .look = look,
     .collect = collect,
 };

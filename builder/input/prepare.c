@@ -187,7 +187,7 @@ static void write_header(struct work *work)
     const struct canonical *view = &work->fetch.view;
     uint64_t references = (uint64_t)work->references.count * sizeof(struct form_reference);
     struct form_header header = {
-        .version = form_version(rows_of(work), view->geometry_count),
+        .version = form_version(rows_of(work), view->geometry_count, work->input->flags),
         .type = work->input->type,
         .flags = work->input->flags,
         .geometry_count = view->geometry_count,
@@ -208,9 +208,10 @@ static enum bvhd_status make_references(struct work *work)
     struct canonical_geometry *geometry = work->fetch.view.geometries;
     if (work->input->type != STRUCTURE_TOP)
         return BVHD_OK;
-    return reference_rows_make(work->block + rows_of(work)->data_offset, geometry->primitive_count,
-                               work->input->references, work->input->reference_count, work->context, &work->references,
-                               work->error);
+    const struct reference_records records = {rows_of(work)->type, geometry->primitive_count,
+                                              work->block + rows_of(work)->data_offset};
+    return reference_rows_make(&records, work->input->references, work->input->reference_count, work->context,
+                               &work->references, work->error);
 }
 
 /* Completes the view, which becomes the result with the block and the tables. */

@@ -7,7 +7,7 @@
 #include "builder/input/prepare.h"
 #include "builder/input/validate.h"
 
-enum { KNOWN_FLAGS = 0x81f, KNOWN_GEOMETRY_FLAGS = GEOMETRY_OPAQUE | GEOMETRY_NO_DUPLICATE_ANY_HIT };
+enum { KNOWN_FLAGS = 0x83f, KNOWN_GEOMETRY_FLAGS = GEOMETRY_OPAQUE | GEOMETRY_NO_DUPLICATE_ANY_HIT };
 
 /* A block that is being checked. Its bytes do not change meanwhile, so each is checked once. */
 struct block_reader {
@@ -61,12 +61,22 @@ static bool update_is_valid(const struct form_geometry *row, uint32_t flags)
            (row->index_type == INDEX_NONE || row->index_type == INDEX_UINT16 || row->index_type == INDEX_UINT32);
 }
 
+/*
+ * All geometries are of one kind, apart from whether they move. Those of bottom levels may move if the flag is there,
+ * those of top levels then all do.
+ */
+static bool belongs_here(const struct block_reader *reader, const struct kind *kind)
+{
+    const bool is_top = reader->header->type == STRUCTURE_TOP, has_motion = reader->header->flags & BUILD_MOTION;
+    return kind->is_top == is_top && kind->vulkan_type == kind_find(reader->rows[0].type)->vulkan_type &&
+           (is_top ? kind->moves == has_motion : kind->moves <= has_motion);
+}
+
 static enum bvhd_status check_row(const struct block_reader *reader, uint32_t index)
 {
     const struct form_geometry *row = &reader->rows[index];
     const struct kind *kind = kind_find(row->type);
-    bool is_top = reader->header->type == STRUCTURE_TOP;
-    if (!kind || kind->is_top != is_top || row->type != reader->rows[0].type)
+    if (!kind || !belongs_here(reader, kind))
         return form_corrupt_row(reader->error, index, "type", "does not belong here");
     if (row->flags & ~(uint32_t)KNOWN_GEOMETRY_FLAGS)
         return form_corrupt_row(reader->error, index, "flags", "unknown bits");
@@ -79,8 +89,7 @@ static enum bvhd_status check_row(const struct block_reader *reader, uint32_t in
     uint64_t vertices = (uint64_t)corners * row->primitive_count;
     if (row->indexed ? row->vertex_count == 0 : row->vertex_count != vertices)
         return form_corrupt_row(reader->error, index, "vertexCount", "does not fit the primitives");
-    if ((row->radius_format != 0 || row->swept_modes != 0) &&
-        input_kind_of(row->type)->version < CANONICAL_VERSION_ROUND)
+    if ((row->radius_format != 0 || row->swept_modes != 0) && !input_kind_of(row->type)->has_radii)
         return form_corrupt_row(reader->error, index, "reserved", "not 0");
     if (!update_is_valid(row, reader->header->flags))
         return form_corrupt_row(reader->error, index, "update", "fields that no build has");
@@ -98,7 +107,7 @@ static enum bvhd_status check_rows(const struct block_reader *reader)
     }
     if (status != BVHD_OK)
         return status;
-    if (reader->header->version != form_version(reader->rows, reader->header->geometry_count))
+    if (reader->header->version != form_version(reader->rows, reader->header->geometry_count, reader->header->flags))
         return form_corrupt(reader->error, "version", "not that of blocks with such geometries");
     if (primitives != reader->header->primitive_count)
         return form_corrupt(reader->error, "primitiveCount", "not the sum over the geometries");

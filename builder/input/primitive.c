@@ -17,6 +17,16 @@ struct box primitive_box(const struct canonical *canonical, const struct canonic
     return finding.kept ? finding.box : box_empty();
 }
 
+void primitive_key_boxes(const struct canonical *canonical, const struct canonical_geometry *geometry, uint32_t index,
+                         struct box ret_boxes[2])
+{
+    const struct input_kind *kind = input_kind_of(geometry->type);
+    if (!kind->look_at_keys)
+        ret_boxes[0] = ret_boxes[1] = primitive_box(canonical, geometry, index);
+    else if (!kind->look_at_keys(canonical, geometry, index, ret_boxes).kept)
+        ret_boxes[0] = ret_boxes[1] = box_empty();
+}
+
 /* The totals of one block. */
 struct block_totals {
     uint32_t count, primitives;

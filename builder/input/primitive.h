@@ -54,6 +54,13 @@ struct primitive_refs {
 struct box primitive_box(const struct canonical *canonical, const struct canonical_geometry *geometry, uint32_t index);
 
 /*
+ * Finds its boxes at t = 0 and at t = 1; that of any other time is between them. Both are that of primitive_box for a
+ * primitive that does not move; else primitive_box returns the box of both.
+ */
+void primitive_key_boxes(const struct canonical *canonical, const struct canonical_geometry *geometry, uint32_t index,
+                         struct box ret_boxes[2]);
+
+/*
  * Makes the refs of all primitives. On success the caller frees ret_refs->refs and ret_refs->blocks from
  * context->memory (both are NULL when count is 0). Gaps between blocks stay, because closing them takes another pass
  * and some callers read block by block; primitive_close_gaps closes them. The result is the same for any number of

@@ -1,7 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "builder/input/reference_rows.h"
 
+#include "proto/base/kind.h"
 #include "proto/base/place.h"
+
+/* Where the other fields of a record (canonical.h) have the reference. */
+enum { REFERENCE_FIELD = 8 };
 
 static bool is_good(const struct reference *reference)
 {
@@ -123,13 +127,15 @@ static bool is_cancelled(const struct build_context *context, uint32_t record)
  * Numbers the structures in the order of first use: makes a row for each, and writes its number into the records.
  * Returns the number of rows; fewer when cancelled.
  */
-static uint32_t number_references(unsigned char *records, uint32_t record_count, const struct reference *references,
+static uint32_t number_references(const struct reference_records *records, const struct reference *references,
                                   const struct build_context *context, uint32_t *row_of_reference,
                                   struct form_reference *rows)
 {
+    const uint32_t size = kind_find(records->type)->primitive_bytes;
     uint32_t count = 0;
-    for (uint32_t i = 0; i < record_count && !is_cancelled(context, i); i++) {
-        unsigned char *field = records + (uint64_t)FORM_RECORD_SIZE * i + FORM_RECORD_REFERENCE;
+    for (uint32_t i = 0; i < records->count && !is_cancelled(context, i); i++) {
+        unsigned char *record = records->records + (uint64_t)size * i;
+        unsigned char *field = record + canonical_record_fields(records->type, record) + REFERENCE_FIELD;
         uint64_t reference = bytes_get64(field);
         if (reference == 0)
             continue;
@@ -144,29 +150,28 @@ static uint32_t number_references(unsigned char *records, uint32_t record_count,
 }
 
 /* Returns false when there is no memory. The rows are incomplete when it is cancelled on the way. */
-static bool make(unsigned char *records, uint32_t record_count, const struct reference *references,
-                 uint32_t reference_count, const struct build_context *context, struct reference_rows *rows)
+static bool make(const struct reference_records *records, const struct reference *references, uint32_t reference_count,
+                 const struct build_context *context, struct reference_rows *rows)
 {
-    uint32_t capacity = reference_count < record_count ? reference_count : record_count;
+    uint32_t capacity = reference_count < records->count ? reference_count : records->count;
     uint32_t *numbers = memory_array(context->memory, reference_count, sizeof *numbers);
     rows->rows = memory_array(context->memory, capacity, sizeof *rows->rows);
     bool ready = numbers && rows->rows;
     if (ready) {
         memset(numbers, 0, reference_count * sizeof *numbers);
-        rows->count = number_references(records, record_count, references, context, numbers, rows->rows);
+        rows->count = number_references(records, references, context, numbers, rows->rows);
     }
     memory_free(context->memory, numbers);
     return ready;
 }
 
-enum bvhd_status reference_rows_make(unsigned char *records, uint32_t record_count, const struct reference *references,
+enum bvhd_status reference_rows_make(const struct reference_records *records, const struct reference *references,
                                      uint32_t reference_count, const struct build_context *context,
                                      struct reference_rows *ret_rows, struct bvhd_error *error)
 {
     struct reference_rows made = {NULL, 0};
     enum bvhd_status status = BVHD_OK;
-    if (reference_count > 0 && record_count > 0 &&
-        !make(records, record_count, references, reference_count, context, &made))
+    if (reference_count > 0 && records->count > 0 && !make(records, references, reference_count, context, &made))
         status = bvhd_error_no_memory(error, "references", "no memory for %u references", reference_count);
     else if (context_cancelled(context))
         status = bvhd_error_set(error, BVHD_CANCELLED, "references", "cancelled");

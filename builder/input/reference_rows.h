@@ -32,6 +32,13 @@ void reference_lookup_finish(struct reference_lookup *lookup, struct memory *mem
 /* Returns the 1-based position in the caller's table; 0 for a handle that is not there, such as handle 0. */
 uint64_t reference_lookup_find(const struct reference_lookup *lookup, uint64_t handle);
 
+/* The records of the instances of a top level. */
+struct reference_records {
+    uint32_t type; /* GEOMETRY_INSTANCES or GEOMETRY_MOVING_INSTANCES, which decides on the form of records */
+    uint32_t count;
+    unsigned char *records;
+};
+
 struct reference_rows {
     struct form_reference *rows; /* from `memory` of the context; the caller frees them; NULL without any */
     uint32_t count;
@@ -41,7 +48,7 @@ struct reference_rows {
  * Makes the rows. The records' reference fields come in as 1-based positions in `references` (0: inactive), and leave
  * as 1-based rows of *ret_rows. After BVHD_NO_MEMORY or BVHD_CANCELLED some fields may have changed and others not.
  */
-enum bvhd_status reference_rows_make(unsigned char *records, uint32_t record_count, const struct reference *references,
+enum bvhd_status reference_rows_make(const struct reference_records *records, const struct reference *references,
                                      uint32_t reference_count, const struct build_context *context,
                                      struct reference_rows *ret_rows, struct bvhd_error *error);
 

@@ -357,6 +357,7 @@ static uint32_t collect(const struct canonical *canonical, const struct canonica
 
 const struct input_kind input_swept_spheres = {
     .version = CANONICAL_VERSION_ROUND,
+    .has_radii = true,
     .corners = 2,
     .check_memory = check_memory,
     .describe = describe,

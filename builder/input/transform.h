@@ -7,6 +7,8 @@
 #include <stdint.h>
 #include <string.h>
 
+#include "proto/base/box.h"
+
 /*
  * Returns the only NaN that computed coordinates contain: processors and compilers differ in which NaN an operation
  * gives.
@@ -27,5 +29,11 @@ bool transform_is_identity(const float matrix[12]);
  * float once. A NaN becomes transform_nan().
  */
 void transform_points(const float matrix[12], float *points, uint64_t count);
+
+/*
+ * Finds the bounds of a box under a row-major 3x4 matrix. They contain the exact ones, and are larger by at most 2^-47
+ * of the sum of all products' magnitudes.
+ */
+void transform_bounds(const double matrix[12], const struct box *box, double ret_min[3], double ret_max[3]);
 
 #endif

@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "builder/input/input_kind.h"
+#include "builder/input/triangles.h"
 
-#include "builder/input/fetch_internal.h"
 #include "builder/input/reach.h"
 #include "builder/input/transform.h"
 #include "builder/input/triangles_refs.h"
@@ -59,7 +58,7 @@ static enum bvhd_status check_arrays(const struct validate_subject *subject, con
     return BVHD_OK;
 }
 
-static enum bvhd_status check_memory(const struct validate_subject *subject)
+enum bvhd_status triangles_check_memory(const struct validate_subject *subject)
 {
     const struct vertex_format *format = vertex_format_find(subject->geometry->triangles.vertex_format);
     enum bvhd_status status = check_range(subject, format);
@@ -68,7 +67,7 @@ static enum bvhd_status check_memory(const struct validate_subject *subject)
     return status;
 }
 
-static void describe(const struct geometry *geometry, bool is_update, struct form_geometry *row)
+void triangles_describe(const struct geometry *geometry, bool is_update, struct form_geometry *row)
 {
     const struct geometry_triangles *triangles = &geometry->triangles;
     row->indexed = row->primitive_count > 0 && (triangles->index_type != INDEX_NONE || triangles->vertex_stride == 0);
@@ -80,7 +79,7 @@ static void describe(const struct geometry *geometry, bool is_update, struct for
     row->index_type = triangles->index_type;
 }
 
-static bool update_is_sound(const struct form_geometry *row)
+bool triangles_update_is_sound(const struct form_geometry *row)
 {
     return (row->update & ~(uint32_t)FORM_UPDATE_TRANSFORM) == FORM_UPDATE_RECORDED &&
            (row->indexed || row->lowest_index == 0) && vertex_format_find(row->vertex_format);
@@ -108,7 +107,7 @@ static void copy_indices(const unsigned char *source, uint32_t type, size_t coun
     fetch_span_grow(ret_indices, count, span);
 }
 
-static void fetch_indices(struct fetch *fetch, uint32_t index, uint32_t first, uint32_t count)
+void triangles_fetch_indices(struct fetch *fetch, uint32_t index, uint32_t first, uint32_t count)
 {
     const struct geometry *geometry = &fetch->input->geometries[index];
     const struct geometry_triangles *triangles = &geometry->triangles;
@@ -212,7 +211,7 @@ static enum bvhd_status count_vertices(struct fetch *fetch, uint32_t index, stru
     return BVHD_OK;
 }
 
-static enum bvhd_status finish(struct fetch *fetch, uint32_t index, struct bvhd_error *error)
+enum bvhd_status triangles_finish(struct fetch *fetch, uint32_t index, struct bvhd_error *error)
 {
     if (fetch_row(fetch, index)->primitive_count == 0)
         return BVHD_OK;
@@ -226,7 +225,7 @@ static enum bvhd_status finish(struct fetch *fetch, uint32_t index, struct bvhd_
  * Makes indices count from the lowest one in use, because only the span of vertices that a geometry uses is kept: many
  * geometries may share one large array. With a stride of 0 all indices name one vertex.
  */
-static void rebase(struct fetch *fetch, uint32_t index, uint32_t first, uint32_t count)
+void triangles_rebase(struct fetch *fetch, uint32_t index, uint32_t first, uint32_t count)
 {
     const struct form_geometry *row = fetch_row(fetch, index);
     if (!row->indexed)
@@ -240,7 +239,8 @@ static void rebase(struct fetch *fetch, uint32_t index, uint32_t first, uint32_t
             indices[i] -= lowest;
 }
 
-static void fetch_vertices(struct fetch *fetch, uint32_t index, uint32_t first, uint32_t count)
+void triangles_read_vertices(const struct fetch *fetch, uint32_t index, const struct bytes *array, uint32_t first,
+                             uint32_t count, float *ret_positions)
 {
     const struct geometry *geometry = &fetch->input->geometries[index];
     const struct geometry_triangles *triangles = &geometry->triangles;
@@ -249,18 +249,23 @@ static void fetch_vertices(struct fetch *fetch, uint32_t index, uint32_t first, 
     uint64_t stride = triangles->vertex_stride,
              offset = triangles->index_type == INDEX_NONE ? geometry->range.primitive_offset : 0;
     uint64_t vertex = (uint64_t)geometry->range.first_vertex + source->lowest + first;
-    const unsigned char *vertices = triangles->vertices.data + offset + stride * vertex;
-    float *positions = (float *)(void *)(fetch->block + fetch_row(fetch, index)->data_offset) + (size_t)3 * first;
+    const unsigned char *vertices = array->data + offset + stride * vertex;
     for (uint32_t at = 0; at < count; at += VERTEX_BLOCK) {
         uint32_t some = count - at < VERTEX_BLOCK ? count - at : VERTEX_BLOCK;
-        float *target = positions + (size_t)3 * at;
+        float *target = ret_positions + (size_t)3 * at;
         format->decode(vertices + at * stride, stride, some, target);
         if (source->transformed)
             transform_points(source->matrix, target, some);
     }
 }
 
-static enum bvhd_status check_foreign(const struct canonical *canonical, uint32_t index, struct bvhd_error *error)
+static void fetch_vertices(struct fetch *fetch, uint32_t index, uint32_t first, uint32_t count)
+{
+    float *positions = (float *)(void *)(fetch->block + fetch_row(fetch, index)->data_offset) + (size_t)3 * first;
+    triangles_read_vertices(fetch, index, &fetch->input->geometries[index].triangles.vertices, first, count, positions);
+}
+
+enum bvhd_status triangles_check_foreign(const struct canonical *canonical, uint32_t index, struct bvhd_error *error)
 {
     const struct canonical_geometry *geometry = &canonical->geometries[index];
     uint32_t highest = 0, lowest = UINT32_MAX;
@@ -283,15 +288,15 @@ static void outline(const struct canonical_geometry *geometry, uint32_t first, u
 const struct input_kind input_triangles = {
     .version = CANONICAL_VERSION,
     .corners = 3,
-    .check_memory = check_memory,
-    .describe = describe,
-    .update_is_sound = update_is_sound,
+    .check_memory = triangles_check_memory,
+    .describe = triangles_describe,
+    .update_is_sound = triangles_update_is_sound,
     .view = view,
-    .fetch_primitives = fetch_indices,
-    .finish = finish,
-    .rebase = rebase,
+    .fetch_primitives = triangles_fetch_indices,
+    .finish = triangles_finish,
+    .rebase = triangles_rebase,
     .fetch_vertices = fetch_vertices,
-    .check_foreign = check_foreign,
+    .check_foreign = triangles_check_foreign,
     .look = triangles_refs_look,
     .collect = triangles_refs_collect,
     .outline = outline,

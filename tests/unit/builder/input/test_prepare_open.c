@@ -268,7 +268,8 @@ static void places_are_named(void **state)
     reason(TRIANGLES, 4, 3, BVHD_CORRUPT, "version");
     reason(TRIANGLES, 4, 4, BVHD_INCOMPATIBLE, "version");
     reason(TRIANGLES, 8, 2, BVHD_CORRUPT, "type");
-    reason(TRIANGLES, 12, 0x20, BVHD_CORRUPT, "flags");
+    reason(TRIANGLES, 12, 0x40, BVHD_CORRUPT, "flags");
+    reason(TRIANGLES, 12, BUILD_MOTION, BVHD_CORRUPT, "version");
     reason(TRIANGLES, 12, 0xc, BVHD_CORRUPT, "flags");
     reason(TRIANGLES, 16, 1u << 24, BVHD_CORRUPT, "geometryCount");
     reason(TRIANGLES, 16, 50, BVHD_CORRUPT, "geometryCount");

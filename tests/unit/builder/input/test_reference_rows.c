@@ -172,8 +172,8 @@ static void failing_allocations_hold_nothing(void **state)
         for (uint64_t i = 0; i < INPUTS_RECORDS; i++)
             memcpy(test.records[i] + 14, &(uint64_t){i % 4}, 8);
         atomic_store(&bed_memory.fail_after, failures);
-        enum bvhd_status status = reference_rows_make((unsigned char *)test.records, INPUTS_RECORDS, test.references, 3,
-                                                      &bed_context, &rows, NULL);
+        const struct reference_records records = {GEOMETRY_INSTANCES, INPUTS_RECORDS, (unsigned char *)test.records};
+        enum bvhd_status status = reference_rows_make(&records, test.references, 3, &bed_context, &rows, NULL);
         assert_int_equal(status, failures < 2 ? BVHD_NO_MEMORY : BVHD_OK);
         assert_int_equal(rows.count, failures < 2 ? 7 : 3);
         memory_free(&bed_memory, rows.rows);
