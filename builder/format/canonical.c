@@ -48,16 +48,6 @@ bool canonical_moves(const struct canonical *canonical)
     return kind_find(canonical_kind(canonical))->moves;
 }
 
-uint32_t canonical_kind(const struct canonical *canonical)
-{
-    if (canonical->geometry_count == 0)
-        return canonical->type == STRUCTURE_TOP ? GEOMETRY_INSTANCES : GEOMETRY_TRIANGLES;
-    for (uint32_t i = 0; canonical->flags & BUILD_MOTION && i < canonical->geometry_count; i++)
-        if (kind_find(canonical->geometries[i].type)->moves)
-            return canonical->geometries[i].type;
-    return canonical->geometries[0].type;
-}
-
 uint32_t canonical_geometry_of(const struct canonical *canonical, uint32_t primitive)
 {
     assert(primitive < canonical->primitive_count);

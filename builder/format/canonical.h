@@ -118,12 +118,6 @@ static inline uint32_t canonical_record_fields(uint32_t geometry_type, const uns
     return geometry_type == GEOMETRY_MOVING_INSTANCES ? motion_fields[bytes_get32(record)] : 48;
 }
 
-/*
- * Returns the type of geometry that decides how a structure is built and written: one that moves if there is any, else
- * that of all geometries. A structure without geometries is one of triangles, or of instances.
- */
-uint32_t canonical_kind(const struct canonical *canonical);
-
 /* Returns whether anything in a structure moves, so that its boxes have two keys. */
 bool canonical_moves(const struct canonical *canonical);
 
