@@ -7,7 +7,8 @@
  * start. Nodes are 8-wide, quantised, 80 bytes (Ylitie 2017), with the root first. The contents of leaves are one array
  * of records, 16-byte aligned: indexed triangles (16 bytes) over one array of exact vertices, or fast triangles (48),
  * AABBs (32), instances (128), or spheres or linear swept spheres (8) over one array of centres with radii. Structures
- * that move have nodes of 128 bytes, and motion triangles (16) over vertices with two places, or motion instances (160).
+ * that move have nodes of 128 bytes, and motion triangles (16) over vertices with two places, or motion instances
+ * (160).
  */
 #ifndef BVHD_PORTABLE_H
 #define BVHD_PORTABLE_H
@@ -111,8 +112,8 @@ struct portable_node {
 
 /*
  * One node of a structure that moves. The first part is a node whose boxes are those of t = 0, on a grid that holds the
- * boxes of t = 1, too; these follow. A child's box at time t lies in (1 - t) times its box of t = 0 plus t times that of
- * t = 1, up to what a reader's arithmetic rounds.
+ * boxes of t = 1, too; these follow. What lies below a child at time t lies in (1 - t) times its box of t = 0 plus t
+ * times that of t = 1, up to what the arithmetic of vertices and of a reader rounds.
  */
 struct portable_moving_node {
     struct portable_node start;
@@ -121,8 +122,8 @@ struct portable_moving_node {
 };
 
 /*
- * A vertex of motion triangles, whose records are struct portable_indexed_triangle. Its place at time t is, in float and
- * rounded after each operation, start * (1 - t) + end * t; triangles that share a vertex so agree about it.
+ * A vertex of motion triangles, whose records are struct portable_indexed_triangle. Its place at time t is, in float
+ * and rounded after each operation, start * (1 - t) + end * t; triangles that share a vertex so agree about it.
  */
 struct portable_moving_vertex {
     float start[3], end[3];
@@ -187,9 +188,9 @@ static inline unsigned portable_round_caps(uint32_t id)
 
 /*
  * An instance of a structure that moves. MOTION_STATIC: start is a row-major 3x4 matrix, and end equals it.
- * MOTION_MATRIX: such matrices at t = 0 and t = 1; each number at time t is computed as those of vertices. MOTION_SRT: the
- * 16 numbers of VkSRTDataNV at t = 0 and t = 1, each as those of vertices; the quaternion counts as divided by its length.
- * Numbers that a type does not use are 0.
+ * MOTION_MATRIX: such matrices at t = 0 and t = 1; each number at time t is computed as those of vertices. MOTION_SRT:
+ * the 16 numbers of VkSRTDataNV at t = 0 and t = 1, each as those of vertices; the quaternion counts as divided by its
+ * length. Numbers that a type does not use are 0.
  */
 struct portable_moving_instance {
     uint32_t motion; /* MOTION_ */

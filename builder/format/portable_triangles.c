@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * portable_triangles.c - the records of triangles: indexed ones over vertices, ones that hold their corners, and indexed
- * ones over vertices that move.
+ * portable_triangles.c - the records of triangles: indexed ones over vertices, ones that hold their corners, and
+ * indexed ones over vertices that move.
  */
 #include "builder/format/portable_records.h"
 

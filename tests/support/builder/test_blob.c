@@ -68,6 +68,28 @@ static enum bvhd_status make_tree(const struct test_model *model, uint32_t leaf_
                                               : make_median_tree(model, leaf_max, memory, ret_ir, error);
 }
 
+/* Gives each node the boxes at t = 0 and at t = 1 of a tree that was made over the boxes of both. */
+static enum bvhd_status add_keys(const struct test_model *model, struct ir *ir, struct bvhd_error *error)
+{
+    if (!model->keys[0] || ir->node_count == 0)
+        return BVHD_OK;
+    ir->boxes[1] = memory_array(ir->memory, ir->node_count, sizeof *ir->boxes[1]);
+    if (!ir->boxes[1])
+        return bvhd_error_no_memory(error, "ir", "test tree");
+    ir->key_count = IR_MAX_KEYS;
+    for (uint32_t key = 0; key < IR_MAX_KEYS; key++)
+        for (uint32_t i = ir->node_count; i-- > 0;) {
+            const struct ir_node *node = &ir->nodes[i];
+            struct box box = box_empty();
+            for (uint32_t k = 0; k < node->count; k++)
+                box_grow(&box, &model->keys[key][ir->refs[node->first + k]]);
+            for (uint32_t k = 0; k < 2 && node->count == 0; k++)
+                box_grow(&box, &ir->boxes[key][node->first + k]);
+            ir->boxes[key][i] = box;
+        }
+    return BVHD_OK;
+}
+
 enum bvhd_status test_blob_write(const struct test_model *model, uint32_t layout_flags, struct memory *memory,
                                  const struct parallel *parallel, unsigned char **ret_blob,
                                  struct layout_sizes *ret_sizes, struct bvhd_error *error)
@@ -86,7 +108,9 @@ enum bvhd_status test_blob_write(const struct test_model *model, uint32_t layout
                                            .layout_flags = layout_flags,
                                            .memory = memory,
                                            .parallel = parallel};
-        status = layout_portable.write(&input, ret_blob, ret_sizes, error);
+        status = add_keys(model, &ir, error);
+        if (status == BVHD_OK)
+            status = layout_portable.write(&input, ret_blob, ret_sizes, error);
         wide_finish(&wide);
     }
     ir_finish(&ir);

@@ -4,7 +4,9 @@
 #include <stdio.h>
 #include <stdlib.h>
 
+#include "builder/format/portable.h"
 #include "builder/format/swept_shape.h"
+#include "proto/base/kind.h"
 
 static void *need(size_t count, size_t size)
 {
@@ -32,6 +34,19 @@ static void place_centre(const struct test_shape *shape, struct random *random, 
         ret_centre[axis] = shape->centre + ret_centre[axis] * shape->size / 2;
 }
 
+/* Makes the positions at t = 1 of a geometry: each vertex goes some way in a direction of its own. */
+static const float *make_ends(const struct test_shape *shape, struct random *random,
+                              const struct canonical_geometry *geometry, struct test_model *model)
+{
+    const size_t floats = (size_t)3 * geometry->vertex_count;
+    if (!model->data[2])
+        model->data[2] = need(floats * shape->geometries, sizeof(float));
+    float *ends = (float *)model->data[2] + (size_t)3 * geometry->first_vertex;
+    for (size_t i = 0; i < floats; i++)
+        ends[i] = (float)(geometry->positions[i] + random_between(random, -1, 2) * shape->size * shape->detail);
+    return ends;
+}
+
 /* Makes vertices in clusters of eight, so that triangles over neighbours are small. */
 static void make_triangles(const struct test_shape *shape, struct random *random, struct test_model *model)
 {
@@ -55,6 +70,10 @@ static void make_triangles(const struct test_shape *shape, struct random *random
         geometry->first_vertex = g * vertices;
         geometry->positions = positions + (size_t)3 * vertices * g;
         geometry->indices = shape->soup ? NULL : indices + (size_t)3 * shape->primitives * g;
+        if (shape->type == GEOMETRY_MOVING_TRIANGLES && g % 3 == 2)
+            geometry->type = GEOMETRY_TRIANGLES;
+        else if (shape->type == GEOMETRY_MOVING_TRIANGLES)
+            geometry->end_positions = make_ends(shape, random, geometry, model);
     }
     model->canonical.vertex_count = shape->geometries * vertices;
     model->data[0] = positions;
@@ -143,6 +162,118 @@ static void make_instances(const struct test_shape *shape, struct random *random
     model->data[2] = canonical->references;
 }
 
+/* Fills `numbers` of a key: a matrix, or the fields of VkSRTDataNV, whose last three are its translation. */
+static void make_key(const struct test_shape *shape, struct random *random, bool is_srt, float numbers[PORTABLE_SRT])
+{
+    double centre[3];
+    place_centre(shape, random, centre);
+    for (int i = 0; i < PORTABLE_SRT; i++)
+        numbers[i] = (float)random_between(random, -1, 1) * (is_srt ? 1 : (float)(shape->size * shape->detail));
+    for (int axis = 0; axis < 3; axis++)
+        numbers[is_srt ? 13 + axis : 4 * axis + 3] = (float)centre[axis];
+}
+
+static void make_moving_instances(const struct test_shape *shape, struct random *random, struct test_model *model)
+{
+    static const uint32_t numbers[MOTION_TYPES] = {PORTABLE_MATRIX, PORTABLE_MATRIX, PORTABLE_SRT};
+    unsigned char *records = need(shape->primitives, MOTION_RECORD_STRIDE);
+    struct canonical *canonical = &model->canonical;
+    canonical->type = STRUCTURE_TOP;
+    canonical->reference_count = 3;
+    canonical->references = need(3, sizeof *canonical->references);
+    for (uint32_t i = 0; i < shape->primitives; i++) {
+        const uint32_t motion = i % MOTION_TYPES;
+        unsigned char *record = records + (size_t)MOTION_RECORD_STRIDE * i, *at = record + MOTION_RECORD_DATA;
+        bytes_put32(record, motion);
+        for (uint32_t key = 0; key < (motion == MOTION_STATIC ? 1u : 2u); key++) {
+            float values[PORTABLE_SRT];
+            make_key(shape, random, motion == MOTION_SRT, values);
+            memcpy(at, values, numbers[motion] * sizeof *values);
+            at += numbers[motion] * sizeof *values;
+        }
+        bytes_put32(at, (uint32_t)random_next(random));
+        bytes_put32(at + 4, (uint32_t)random_next(random));
+        bytes_put64(at + 8, 1 + random_next(random) % 3);
+    }
+    canonical->geometries[0].instances = records;
+    model->data[0] = records;
+    model->data[2] = canonical->references;
+}
+
+/* Returns the unit cube's box under a row-major matrix of floats at any address. */
+static struct box box_of_cube(const unsigned char *matrix)
+{
+    struct box box = box_empty();
+    float m[12];
+    memcpy(m, matrix, sizeof m);
+    for (int corner = 0; corner < 8; corner++) {
+        float point[3];
+        for (int row = 0; row < 3; row++)
+            point[row] = m[4 * row + 3] + (corner & 1 ? m[4 * row] : 0) + (corner & 2 ? m[4 * row + 1] : 0) +
+                         (corner & 4 ? m[4 * row + 2] : 0);
+        box_add_point(&box, point);
+    }
+    return box;
+}
+
+/*
+ * Returns the box of what moves at one key. That of an instance which rotates is a wide one around its places, the same
+ * at both keys.
+ */
+static struct box box_at(const struct canonical_geometry *geometry, uint32_t index, uint32_t key)
+{
+    struct box box = box_empty();
+    if (geometry->type != GEOMETRY_MOVING_INSTANCES) {
+        const float *positions = key && geometry->end_positions ? geometry->end_positions : geometry->positions;
+        for (uint32_t k = 0; k < 3; k++) {
+            const uint32_t corner = 3 * index + k;
+            box_add_point(&box, positions + (size_t)3 * (geometry->indices ? geometry->indices[corner] : corner));
+        }
+        return box;
+    }
+    const unsigned char *record = geometry->instances + (size_t)MOTION_RECORD_STRIDE * index;
+    const uint32_t motion = bytes_get32(record);
+    record += MOTION_RECORD_DATA;
+    if (motion != MOTION_SRT)
+        return box_of_cube(record + (motion == MOTION_MATRIX && key ? 48 : 0));
+    for (int end = 0; end < 2; end++) {
+        float place[3];
+        memcpy(place, record + 64 * end + 52, sizeof place);
+        box_add_point(&box, place);
+    }
+    for (int axis = 0; axis < 3; axis++) {
+        box.min[axis] -= 8;
+        box.max[axis] += 8;
+    }
+    return box;
+}
+
+static bool is_in_tree(const struct test_shape *shape, uint32_t primitive)
+{
+    return !shape->inactive || primitive % shape->inactive != 0;
+}
+
+static void find_keys(const struct test_shape *shape, struct test_model *model)
+{
+    const uint32_t count = model->canonical.primitive_count;
+    for (uint32_t key = 0; key < IR_MAX_KEYS; key++) {
+        model->keys[key] = need(count, sizeof *model->keys[key]);
+        for (uint32_t i = 0; i < count; i++)
+            model->keys[key][i] = is_in_tree(shape, i) ? box_at(&model->canonical.geometries[i / shape->primitives],
+                                                                i % shape->primitives, key)
+                                                       : box_empty();
+    }
+}
+
+/* Fills the boxes over both keys. */
+static void join_keys(struct test_model *model)
+{
+    for (uint32_t i = 0; i < model->canonical.primitive_count; i++) {
+        model->boxes[i] = model->keys[0][i];
+        box_grow(&model->boxes[i], &model->keys[1][i]);
+    }
+}
+
 /*
  * Returns a primitive's box; for an instance, the unit cube's through the matrix, which is accurate enough for a test.
  */
@@ -164,15 +295,7 @@ static struct box box_of(const struct canonical_geometry *geometry, uint32_t ind
     } else if (geometry->type == GEOMETRY_AABBS) {
         memcpy(&box, geometry->boxes + 6 * (size_t)index, sizeof box);
     } else {
-        struct canonical_instance instance = canonical_instance(geometry, index);
-        for (int corner = 0; corner < 8; corner++) {
-            float point[3];
-            for (int row = 0; row < 3; row++) {
-                const float *m = instance.transform + 4 * row;
-                point[row] = m[3] + (corner & 1 ? m[0] : 0) + (corner & 2 ? m[1] : 0) + (corner & 4 ? m[2] : 0);
-            }
-            box_add_point(&box, point);
-        }
+        box = box_of_cube(geometry->instances + (size_t)64 * index);
     }
     return box;
 }
@@ -193,19 +316,26 @@ void test_model_make(const struct test_shape *shape, uint64_t seed, struct test_
         geometry->primitive_count = shape->primitives;
         geometry->first_primitive = g * shape->primitives;
     }
-    if (shape->type == GEOMETRY_TRIANGLES)
+    if (shape->type == GEOMETRY_TRIANGLES || shape->type == GEOMETRY_MOVING_TRIANGLES)
         make_triangles(shape, &random, &model);
     else if (shape->type == GEOMETRY_SPHERES || shape->type == GEOMETRY_SWEPT_SPHERES)
         make_round(shape, &random, &model);
     else if (shape->type == GEOMETRY_AABBS)
         make_aabbs(shape, &random, &model);
+    else if (shape->type == GEOMETRY_MOVING_INSTANCES)
+        make_moving_instances(shape, &random, &model);
     else
         make_instances(shape, &random, &model);
     model.boxes = need(model.canonical.primitive_count, sizeof *model.boxes);
-    for (uint32_t i = 0; i < model.canonical.primitive_count; i++)
-        model.boxes[i] = shape->inactive && i % shape->inactive == 0
-                             ? box_empty()
-                             : box_of(&model.canonical.geometries[i / shape->primitives], i % shape->primitives);
+    if (kind_find(shape->type)->moves) {
+        find_keys(shape, &model);
+        join_keys(&model);
+    } else {
+        for (uint32_t i = 0; i < model.canonical.primitive_count; i++)
+            model.boxes[i] = is_in_tree(shape, i)
+                                 ? box_of(&model.canonical.geometries[i / shape->primitives], i % shape->primitives)
+                                 : box_empty();
+    }
     *ret_model = model;
 }
 
@@ -213,6 +343,8 @@ void test_model_finish(struct test_model *model)
 {
     for (int i = 0; i < 3; i++)
         free(model->data[i]);
+    for (int key = 0; key < IR_MAX_KEYS; key++)
+        free(model->keys[key]);
     free(model->canonical.geometries);
     free(model->boxes);
     memset(model, 0, sizeof *model);

@@ -15,7 +15,8 @@
 
 struct test_model {
     struct canonical canonical;
-    struct box *boxes; /* of each primitive; empty: it is not in the tree */
+    struct box *boxes; /* of each primitive, over both keys; empty: it is not in the tree */
+    struct box *keys[IR_MAX_KEYS]; /* its box at t = 0 and at t = 1; NULL unless it moves */
     void *data[3]; /* the arrays that the view points to */
 };
 
@@ -33,7 +34,8 @@ struct test_shape {
 /*
  * Makes a model. Every other geometry is opaque. The triangles of a geometry share vertices, a third as many as there
  * are triangles and some more, not all of which are used. So do spheres, and linear swept spheres, which are in chains
- * of up to seven, with any caps.
+ * of up to seven, with any caps. Every third geometry of motion triangles stands still. Motion instances are of each
+ * type in turn.
  */
 void test_model_make(const struct test_shape *shape, uint64_t seed, struct test_model *ret_model);
 void test_model_finish(struct test_model *model);

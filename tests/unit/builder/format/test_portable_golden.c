@@ -10,6 +10,7 @@
 #include "builder/format/layout.h"
 #include "builder/format/portable.h"
 #include "builder/format/swept_shape.h"
+#include "proto/base/kind.h"
 
 enum { VERTICES = 11, TRIANGLES = 9, NODES = 7 };
 
@@ -34,8 +35,9 @@ struct fixture {
     struct canonical_reference references[2];
     float aabbs[TRIANGLES][6];
     unsigned char instances[TRIANGLES][64];
-    float round[VERTICES][4];
-    struct box boxes[NODES], primitives[TRIANGLES];
+    float round[VERTICES][4], ends[VERTICES][3];
+    unsigned char moving_instances[TRIANGLES][MOTION_RECORD_STRIDE];
+    struct box boxes[NODES], primitives[TRIANGLES], end_boxes[NODES], end_primitives[TRIANGLES];
     uint32_t refs[TRIANGLES];
     struct ir ir;
     struct wide_node nodes[2];
@@ -53,14 +55,29 @@ static void fill_geometries(struct fixture *f, uint32_t type)
             .flags = g ? GEOMETRY_NO_DUPLICATE_ANY_HIT : GEOMETRY_OPAQUE,
             .primitive_count = g ? 4 : 5,
             .first_primitive = first,
-            .vertex_count = type == GEOMETRY_TRIANGLES ? VERTICES : 0,
-            .first_vertex = type == GEOMETRY_TRIANGLES ? g * VERTICES : 0,
+            .vertex_count = type == GEOMETRY_AABBS ? 0 : VERTICES,
+            .first_vertex = type == GEOMETRY_AABBS ? 0 : g * VERTICES,
             .positions = positions[0],
             .indices = indices[first],
             .boxes = f->aabbs[first],
         };
     }
-    f->canonical.vertex_count = type == GEOMETRY_TRIANGLES ? 2 * VERTICES : 0;
+    f->canonical.vertex_count = type == GEOMETRY_AABBS ? 0 : 2 * VERTICES;
+}
+
+/* Geometry 1 stands still, in a structure that moves. */
+static void fill_moving_triangles(struct fixture *f)
+{
+    for (uint32_t i = 0; i < VERTICES; i++)
+        for (uint32_t axis = 0; axis < 3; axis++)
+            f->ends[i][axis] = positions[i][axis] * 0.75f + 0.1f * (float)(i * axis);
+    for (int i = 0; i < TRIANGLES; i++) {
+        f->end_primitives[i] = box_empty();
+        for (int k = 0; k < 3; k++)
+            box_add_point(&f->end_primitives[i], i < 5 ? f->ends[indices[i][k]] : positions[indices[i][k]]);
+    }
+    f->geometries[0].end_positions = f->ends[0];
+    f->geometries[1].type = GEOMETRY_TRIANGLES;
 }
 
 /* The spheres of geometry 1 have no indices: they are the first vertices. */
@@ -103,6 +120,31 @@ static void fill_instances(struct fixture *f)
     f->geometries[0].instances = f->instances[0];
 }
 
+/* Instances of each type in turn; those that turn have the same box at both keys. */
+static void fill_moving_instances(struct fixture *f)
+{
+    for (uint32_t i = 0; i < TRIANGLES; i++) {
+        unsigned char *record = f->moving_instances[i], *at = record + MOTION_RECORD_DATA;
+        const float srt[PORTABLE_SRT] = {2, 0, 0.5f, 0, 1, 0, 0, 3, -1, 0, 0.6f, 0, 0.8f, (float)i, -1, 2};
+        bytes_put32(record, i % MOTION_TYPES);
+        for (uint32_t key = 0; key < (i % MOTION_TYPES == MOTION_STATIC ? 1u : 2u); key++) {
+            float numbers[PORTABLE_SRT];
+            memcpy(numbers, i % MOTION_TYPES == MOTION_SRT ? (const void *)srt : f->instances[i], 48);
+            memcpy(numbers + 12, srt + 12, 16);
+            numbers[11] += 0.25f * (float)key;
+            const size_t size = i % MOTION_TYPES == MOTION_SRT ? 64 : 48;
+            memcpy(at, numbers, size);
+            at += size;
+        }
+        memcpy(at, f->instances[i] + 48, 16);
+        f->end_primitives[i] = f->primitives[i];
+        if (i % MOTION_TYPES == MOTION_MATRIX)
+            f->end_primitives[i].max[2] += 0.25f;
+    }
+    f->geometries[0].type = GEOMETRY_MOVING_INSTANCES;
+    f->geometries[0].instances = f->moving_instances[0];
+}
+
 /* Makes seven ir nodes: the root, two leaves and an inner node below it, three leaves below that. */
 static void fill_tree(struct fixture *f)
 {
@@ -112,6 +154,9 @@ static void fill_tree(struct fixture *f)
         f->boxes[i] = box_empty();
         for (uint32_t k = first[i]; k < first[i] + count[i]; k++)
             box_grow(&f->boxes[i], &f->primitives[refs[k]]);
+        f->end_boxes[i] = box_empty();
+        for (uint32_t k = first[i]; k < first[i] + count[i]; k++)
+            box_grow(&f->end_boxes[i], &f->end_primitives[refs[k]]);
     }
     f->ir =
         (struct ir){.node_count = NODES, .ref_count = TRIANGLES, .key_count = 1, .boxes = {f->boxes}, .refs = f->refs};
@@ -138,13 +183,21 @@ static void fill(struct fixture *f, uint32_t type)
     f->canonical.geometries = f->geometries;
     f->canonical.primitive_count = TRIANGLES;
     f->canonical.flags = BUILD_PREFER_FAST_TRACE;
-    if (type == GEOMETRY_INSTANCES)
+    if (kind_find(type)->is_top)
         fill_instances(f);
     else
         fill_geometries(f, type);
     if (type == GEOMETRY_SPHERES || type == GEOMETRY_SWEPT_SPHERES)
         fill_round(f, type == GEOMETRY_SWEPT_SPHERES);
+    if (type == GEOMETRY_MOVING_TRIANGLES)
+        fill_moving_triangles(f);
+    if (type == GEOMETRY_MOVING_INSTANCES)
+        fill_moving_instances(f);
     fill_tree(f);
+    if (kind_find(type)->moves) {
+        f->ir.key_count = 2;
+        f->ir.boxes[1] = f->end_boxes;
+    }
 }
 
 static FILE *open_golden(const char *name, const char *mode)
@@ -251,6 +304,22 @@ static void swept_spheres(void **state)
     check("v2-swept-spheres", &f, 0);
 }
 
+static void moving_triangles(void **state)
+{
+    struct fixture f;
+    (void)state;
+    fill(&f, GEOMETRY_MOVING_TRIANGLES);
+    check("v2-moving-triangles", &f, 0);
+}
+
+static void moving_instances(void **state)
+{
+    struct fixture f;
+    (void)state;
+    fill(&f, GEOMETRY_MOVING_INSTANCES);
+    check("v2-moving-instances", &f, 0);
+}
+
 static void empty(void **state)
 {
     struct fixture f;
@@ -264,9 +333,15 @@ static void empty(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(indexed_triangles), cmocka_unit_test(fast_triangles), cmocka_unit_test(aabbs),
-        cmocka_unit_test(instances),         cmocka_unit_test(empty),          cmocka_unit_test(spheres),
+        cmocka_unit_test(indexed_triangles),
+        cmocka_unit_test(fast_triangles),
+        cmocka_unit_test(aabbs),
+        cmocka_unit_test(instances),
+        cmocka_unit_test(empty),
+        cmocka_unit_test(spheres),
         cmocka_unit_test(swept_spheres),
+        cmocka_unit_test(moving_triangles),
+        cmocka_unit_test(moving_instances),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

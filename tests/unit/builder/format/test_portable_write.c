@@ -33,6 +33,7 @@ static uint32_t record_primitive(const struct portable_view *view, uint32_t reco
 {
     switch ((enum portable_content)view->header->content) {
     case PORTABLE_INDEXED_TRIANGLES:
+    case PORTABLE_MOVING_TRIANGLES:
         return ((const struct portable_indexed_triangle *)view->records)[record].id & PORTABLE_ID_MASK;
     case PORTABLE_TRIANGLES:
         return ((const struct portable_triangle *)view->records)[record].id & PORTABLE_ID_MASK;
@@ -41,6 +42,8 @@ static uint32_t record_primitive(const struct portable_view *view, uint32_t reco
     case PORTABLE_SPHERES:
     case PORTABLE_SWEPT_SPHERES:
         return ((const struct portable_round *)view->records)[record].id & PORTABLE_ID_MASK;
+    case PORTABLE_MOVING_INSTANCES:
+        return ((const struct portable_moving_instance *)view->records)[record].instance;
     case PORTABLE_INSTANCES:
         break;
     }
