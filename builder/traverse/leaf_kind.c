@@ -8,4 +8,6 @@ const struct leaf_kind *const leaf_kinds[PORTABLE_CONTENTS] = {
     [PORTABLE_INSTANCES] = &leaf_instances,
     [PORTABLE_SPHERES] = &leaf_spheres,
     [PORTABLE_SWEPT_SPHERES] = &leaf_swept_spheres,
+    [PORTABLE_MOVING_TRIANGLES] = &leaf_moving_triangles,
+    [PORTABLE_MOVING_INSTANCES] = &leaf_moving_instances,
 };

@@ -13,6 +13,7 @@ struct leaf_kind {
     uint32_t skip_flag; /* the RAY_SKIP_ flag of rays that skip the primitives; 0: these are instances */
     bool is_top; /* they hold instances, so that the structure is a top level */
     bool is_triangles; /* they hold triangles, which rays meet with a triangle_ray, and whose facing counts */
+    bool moves; /* nodes are struct portable_moving_node */
     /* Prepares the state for visit(). NULL: there is nothing to prepare, or is_triangles says it. */
     void (*prepare)(struct traverse_state *state);
     bool can_unpack; /* unpacked_fill() takes such structures */
@@ -25,7 +26,8 @@ struct leaf_kind {
     void (*grow)(const struct portable_view *view, uint32_t first, uint32_t count, struct box *box);
 };
 
-extern const struct leaf_kind leaf_triangles, leaf_aabbs, leaf_instances, leaf_spheres, leaf_swept_spheres;
+extern const struct leaf_kind leaf_triangles, leaf_aabbs, leaf_instances, leaf_spheres, leaf_swept_spheres,
+    leaf_moving_triangles, leaf_moving_instances;
 
 /* The rows by enum portable_content. */
 extern const struct leaf_kind *const leaf_kinds[PORTABLE_CONTENTS];

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* leaf_triangles.c - leaves of triangles. */
+/* leaf_triangles.c - leaves of triangles and of motion triangles. */
 #include "builder/traverse/leaf_kind.h"
+#include "builder/traverse/motion.h"
 
 static void visit_triangles(struct traverse_walk *walk, uint32_t first, uint32_t count)
 {
@@ -9,6 +10,20 @@ static void visit_triangles(struct traverse_walk *walk, uint32_t first, uint32_t
         uint32_t record = first + (state->options->flip_order ? count - 1 - i : i);
         const float *corners[3];
         uint32_t id = traverse_corners(walk->view, record, corners);
+        state->counters.triangles++;
+        traverse_leaf_triangle(state, record, id & PORTABLE_ID_MASK, id & PORTABLE_ID_OPAQUE, corners);
+    }
+}
+
+static void visit_moving_triangles(struct traverse_walk *walk, uint32_t first, uint32_t count)
+{
+    struct traverse_state *state = &walk->state;
+    const struct motion_weights at = motion_weights_at(state->ray->time);
+    for (uint32_t i = 0; i < count && !state->is_done; i++) {
+        uint32_t record = first + (state->options->flip_order ? count - 1 - i : i);
+        float places[3][3];
+        uint32_t id = motion_corners(walk->view, record, at, places);
+        const float *const corners[3] = {places[0], places[1], places[2]};
         state->counters.triangles++;
         traverse_leaf_triangle(state, record, id & PORTABLE_ID_MASK, id & PORTABLE_ID_OPAQUE, corners);
     }
@@ -31,4 +46,11 @@ const struct leaf_kind leaf_triangles = {
     .visit = visit_triangles,
     .walk_avx2 = traverse_avx2_triangles,
     .grow = grow,
+};
+
+const struct leaf_kind leaf_moving_triangles = {
+    .skip_flag = RAY_SKIP_TRIANGLES,
+    .is_triangles = true,
+    .moves = true,
+    .visit = visit_moving_triangles,
 };

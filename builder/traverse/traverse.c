@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "builder/traverse/traverse.h"
 
+#include "builder/traverse/boxtest_moving.h"
 #include "builder/traverse/leaf_kind.h"
 
 void traverse_walk_identify(const struct traverse_state *state, uint32_t bottom, uint64_t id, uint32_t *ret_geometry,
@@ -29,6 +30,27 @@ static bool is_any(const struct traverse_walk *walk)
     return !options->candidate && !options->flip_order && walk->state.ray->flags & RAY_TERMINATE_ON_FIRST_HIT;
 }
 
+/* Traverses moving nodes with the general loops. */
+static void visit_moving_nodes(struct traverse_walk *walk, const struct leaf_kind *kind)
+{
+    const float *bounds = walk->view->header->bounds;
+    const double *origin = walk->state.origin, *direction = walk->state.direction;
+    const float tmin = walk->state.ray->tmin;
+    struct boxtest_moving ray = {.at = motion_weights_at(walk->state.ray->time)};
+    struct boxtest_moving_exact exact = {.at = ray.at};
+    if (walk->avx2 && init_avx2(walk, &ray.still)) {
+        boxtest_widen(&ray.still, bounds);
+        traverse_loop_moving_avx2(walk, &ray, kind->visit);
+    } else if (!walk->state.options->exact_only && boxtest_init(origin, direction, tmin, bounds, &ray.still)) {
+        boxtest_widen(&ray.still, bounds);
+        traverse_loop_moving_float(walk, &ray, kind->visit);
+    } else if (traverse_state_is_usable(&walk->state)) {
+        boxtest_init_exact(origin, direction, tmin, bounds, &exact.still);
+        boxtest_widen_exact(&exact.still, bounds);
+        traverse_loop_moving_double(walk, &exact, kind->visit);
+    }
+}
+
 /* Traverses walk->view with the ray in the state's origin and direction. */
 static void visit_nodes(struct traverse_walk *walk, const struct leaf_kind *kind)
 {
@@ -42,6 +64,10 @@ static void visit_nodes(struct traverse_walk *walk, const struct leaf_kind *kind
     if (walk->avx2 && kind->walk_avx2 && !walk->state.options->flip_order &&
         kind->walk_avx2(&walk->state, walk->view, walk->unpacked))
         return;
+    if (kind->moves) {
+        visit_moving_nodes(walk, kind);
+        return;
+    }
     if (kind->prepare)
         kind->prepare(&walk->state);
     if (walk->avx2 && init_avx2(walk, &ray)) {

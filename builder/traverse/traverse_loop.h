@@ -6,6 +6,7 @@
  *   LOOP_NAME     the function
  *   LOOP_TARGET   its attributes
  *   LOOP_REAL     the type of distances: float or double
+ *   LOOP_NODE     the type of nodes, which begin with a struct portable_node
  *   LOOP_RAY      the box test's ray
  *   LOOP_BOXES    the box test
  *   LOOP_LIMIT    the member of the state that holds the end of the interval
@@ -22,7 +23,7 @@ LOOP_TARGET void LOOP_NAME(struct traverse_walk *walk, const LOOP_RAY *ray, trav
     uint32_t children[STACK_SIZE];
     struct traverse_state *state = &walk->state;
     const struct portable_view view = *walk->view; /* a copy, which stores through other pointers cannot change */
-    const struct portable_node *nodes = view.nodes;
+    const LOOP_NODE *nodes = (const LOOP_NODE *)(const void *)view.nodes;
     const size_t size = record_kind_of(view.header->content)->size;
     const bool flip = state->options->flip_order;
     unsigned top = 0;
@@ -37,8 +38,8 @@ LOOP_TARGET void LOOP_NAME(struct traverse_walk *walk, const LOOP_RAY *ray, trav
                 break;
         } else {
             LOOP_REAL near[8];
-            const struct portable_node *node = &nodes[child];
-            unsigned hits = LOOP_BOXES(ray, node, state->LOOP_LIMIT, near);
+            const struct portable_node *node = (const struct portable_node *)&nodes[child];
+            unsigned hits = LOOP_BOXES(ray, &nodes[child], state->LOOP_LIMIT, near);
             visited++;
             if (hits) {
                 unsigned slot = (unsigned)__builtin_ctz(hits), base = top;
@@ -58,7 +59,7 @@ LOOP_TARGET void LOOP_NAME(struct traverse_walk *walk, const LOOP_RAY *ray, trav
                         distances[at] = distances[at - 1];
                         children[at] = children[at - 1];
                     }
-                    prefetch_child(&view, size, later);
+                    prefetch_child(&view, sizeof *nodes, size, later);
                     distances[at] = farther;
                     children[at] = later;
                 }
@@ -80,6 +81,7 @@ LOOP_TARGET void LOOP_NAME(struct traverse_walk *walk, const LOOP_RAY *ray, trav
 #undef LOOP_NAME
 #undef LOOP_TARGET
 #undef LOOP_REAL
+#undef LOOP_NODE
 #undef LOOP_RAY
 #undef LOOP_BOXES
 #undef LOOP_LIMIT

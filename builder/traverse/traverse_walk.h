@@ -19,6 +19,7 @@ struct traverse_walk {
     const struct unpacked_node *unpacked; /* its nodes, if it is an unpacked bottom level */
     bool in_world; /* the ray is in world space, exactly as the caller gave it */
     bool avx2; /* the machine has AVX2, and the caller does not forbid it */
+    float matrix[12]; /* of a motion instance at the ray's time, while the ray is in it */
 };
 
 /* Finds the geometry and the primitive of an id in a bottom level; the state is that of a walk. */
@@ -35,8 +36,9 @@ static inline void traverse_walk_begin(struct traverse_walk *walk, const struct 
 /* Traces a walk through one of the scene's bottoms, whose instance is NULL if there is no top level. */
 void traverse_walk_bottom(struct traverse_walk *walk, uint32_t bottom, const struct traverse_instance *instance);
 
-/* Traces a walk through the instance in a row of the top level's records. */
+/* Trace a walk through the instance in a row of the top level's records, for the two kinds of top levels. */
 void traverse_walk_instance(struct traverse_walk *walk, uint32_t row);
+void traverse_walk_moving_instance(struct traverse_walk *walk, uint32_t row);
 
 /* Processes the records of a leaf that the ray reached. */
 typedef void (*traverse_leaf)(struct traverse_walk *walk, uint32_t first, uint32_t count);
@@ -45,6 +47,14 @@ typedef void (*traverse_leaf)(struct traverse_walk *walk, uint32_t first, uint32
 void traverse_loop_float(struct traverse_walk *walk, const struct boxtest_ray *ray, traverse_leaf leaf);
 void traverse_loop_avx2(struct traverse_walk *walk, const struct boxtest_ray *ray, traverse_leaf leaf);
 void traverse_loop_double(struct traverse_walk *walk, const struct boxtest_exact *ray, traverse_leaf leaf);
+
+/* The same over moving nodes. */
+struct boxtest_moving;
+struct boxtest_moving_exact;
+void traverse_loop_moving_float(struct traverse_walk *walk, const struct boxtest_moving *ray, traverse_leaf leaf);
+void traverse_loop_moving_avx2(struct traverse_walk *walk, const struct boxtest_moving *ray, traverse_leaf leaf);
+void traverse_loop_moving_double(struct traverse_walk *walk, const struct boxtest_moving_exact *ray,
+                                 traverse_leaf leaf);
 
 /*
  * Traverse a non-empty bottom level of triangles with AVX2 (traverse_avx2.c), on machines for which boxtest_has_avx2()

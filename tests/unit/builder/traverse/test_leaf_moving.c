@@ -1,0 +1,396 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * test_leaf_moving.c - tests that rays through motion triangles and motion instances, in every walk, have the answers of
+ * brute force at their time. The structures are made here, so that nothing but the traversal can be at fault.
+ */
+#include "tests/support/unit.h"
+
+#include <float.h>
+#include <math.h>
+
+#include "builder/format/portable_quantise.h"
+#include "builder/traverse/motion.h"
+#include "builder/traverse/traverse_state.h"
+#include "builder/traverse/unpacked.h"
+#include "tests/support/random.h"
+
+enum { LEAF = 3, WIDTH = 8, RAYS = 40000 };
+
+/* The boxes of something at t = 0 and t = 1. */
+struct span {
+    struct box keys[2];
+    uint32_t index;
+};
+
+/* A structure, as the traversal sees it. */
+struct made {
+    struct portable_header header;
+    struct portable_view view;
+    struct portable_moving_node *nodes;
+    struct portable_indexed_triangle *triangles;
+    struct portable_moving_vertex *vertices;
+    struct portable_moving_instance *instances;
+    struct portable_geometry geometries[2];
+    uint32_t *order; /* of the records: what they were made from */
+};
+
+/* A node that is to be written: some of the spans. */
+struct task {
+    struct span *spans;
+    uint32_t count;
+};
+
+static struct box around(const struct span *spans, uint32_t count, int key)
+{
+    struct box box = box_empty();
+    for (uint32_t i = 0; i < count; i++)
+        box_grow(&box, &spans[i].keys[key]);
+    return box;
+}
+
+static int sort_axis;
+
+static int by_centre(const void *a, const void *b)
+{
+    double centres[2];
+    for (int i = 0; i < 2; i++) {
+        const struct span *span = i ? b : a;
+        centres[i] = (double)span->keys[0].min[sort_axis] + span->keys[0].max[sort_axis] +
+                     span->keys[1].min[sort_axis] + span->keys[1].max[sort_axis];
+    }
+    return (centres[0] > centres[1]) - (centres[0] < centres[1]);
+}
+
+static uint8_t steps_down(double at, double step)
+{
+    return step == 0 ? 0 : (uint8_t)fmin(255, fmax(0, floor(at / step - PORTABLE_MARGIN)));
+}
+
+static uint8_t steps_up(double at, double step)
+{
+    return step == 0 ? 0 : (uint8_t)fmin(255, fmax(0, ceil(at / step + PORTABLE_MARGIN)));
+}
+
+/* Puts the boxes of both keys into a node, on a grid that holds all. */
+static void write_boxes(const struct box keys[2][WIDTH], unsigned occupied, struct portable_moving_node *node)
+{
+    struct portable_boxes boxes;
+    unsigned filled = (unsigned)__builtin_ctz(occupied);
+    for (unsigned slot = 0; slot < WIDTH; slot++) {
+        struct box both = keys[0][occupied >> slot & 1 ? slot : filled];
+        box_grow(&both, &keys[1][occupied >> slot & 1 ? slot : filled]);
+        for (int axis = 0; axis < 3; axis++) {
+            boxes.min[axis][slot] = both.min[axis];
+            boxes.max[axis][slot] = both.max[axis];
+        }
+    }
+    portable_quantise(&boxes, occupied, &node->start);
+    for (int axis = 0; axis < 3; axis++)
+        for (unsigned slot = 0; slot < WIDTH; slot++) {
+            const double origin = node->start.origin[axis],
+                         step = node->start.exponent[axis] ? ldexp(1, node->start.exponent[axis] - 127) : 0;
+            const bool is_there = occupied >> slot & 1;
+            node->start.lo[axis][slot] = is_there ? steps_down(keys[0][slot].min[axis] - origin, step) : 255;
+            node->start.hi[axis][slot] = is_there ? steps_up(keys[0][slot].max[axis] - origin, step) : 0;
+            node->end_lo[axis][slot] = is_there ? steps_down(keys[1][slot].min[axis] - origin, step) : 255;
+            node->end_hi[axis][slot] = is_there ? steps_up(keys[1][slot].max[axis] - origin, step) : 0;
+        }
+}
+
+/* Makes the nodes over spans, level by level, and the order of the records. */
+static void make_nodes(struct made *made, struct span *spans, uint32_t count)
+{
+    struct task *tasks = calloc(count + 1, sizeof *tasks);
+    uint32_t node_count = count > 0, records = 0;
+    made->nodes = calloc(count + 1, sizeof *made->nodes);
+    made->order = calloc(count + 1, sizeof *made->order);
+    assert_true(tasks && made->nodes && made->order);
+    tasks[0] = (struct task){spans, count};
+    for (uint32_t at = 0; at < node_count; at++) {
+        struct task task = tasks[at];
+        struct portable_moving_node *node = &made->nodes[at];
+        struct box keys[2][WIDTH];
+        const struct box start = around(task.spans, task.count, 0);
+        uint32_t each = (task.count + WIDTH - 1) / WIDTH, inner = 0;
+        unsigned occupied = 0;
+        sort_axis = 0;
+        for (int axis = 1; axis < 3; axis++)
+            if (start.max[axis] - start.min[axis] > start.max[sort_axis] - start.min[sort_axis])
+                sort_axis = axis;
+        qsort(task.spans, task.count, sizeof *task.spans, by_centre);
+        node->start.first_child = node_count;
+        node->start.first_record = records;
+        for (uint32_t slot = 0, first = 0; first < task.count; slot++, first += each) {
+            const uint32_t some = task.count - first < each ? task.count - first : each;
+            occupied |= 1u << slot;
+            for (int key = 0; key < 2; key++)
+                keys[key][slot] = around(task.spans + first, some, key);
+            if (some > LEAF) {
+                node->start.inner_mask |= (uint8_t)(1u << slot);
+                node->start.meta[slot] = (uint8_t)(0x20 | (24 + slot));
+                tasks[node_count + inner++] = (struct task){task.spans + first, some};
+                continue;
+            }
+            node->start.meta[slot] = (uint8_t)(((1u << some) - 1) << 5 | (records - node->start.first_record));
+            for (uint32_t i = 0; i < some; i++)
+                made->order[records++] = task.spans[first + i].index;
+        }
+        node_count += inner;
+        write_boxes((const struct box(*)[WIDTH])keys, occupied, node);
+    }
+    const struct box both[2] = {around(spans, count, 0), around(spans, count, 1)};
+    struct box bounds = both[0];
+    box_grow(&bounds, &both[1]);
+    memcpy(made->header.bounds, &bounds, sizeof made->header.bounds);
+    made->header.node_count = node_count;
+    made->header.record_count = records;
+    made->view.nodes = (const struct portable_node *)made->nodes;
+    made->view.header = &made->header;
+    made->view.geometries = made->geometries;
+    free(tasks);
+}
+
+static void finish_made(struct made *made)
+{
+    free(made->nodes);
+    free(made->triangles);
+    free(made->vertices);
+    free(made->instances);
+    free(made->order);
+}
+
+/* How a scene moves, and where it is. */
+struct motion {
+    double size, speed, offset;
+    bool is_flat; /* all stays in the plane z = offset */
+};
+
+static void make_place(struct random *random, const struct motion *motion, const double centre[3], double spread,
+                       float ret_place[3])
+{
+    double apart[3];
+    random_point(random, apart);
+    for (int axis = 0; axis < 3; axis++)
+        ret_place[axis] =
+            (float)(motion->offset +
+                    (motion->is_flat && axis == 2 ? 0 : motion->size * (centre[axis] + spread * apart[axis])));
+}
+
+/* Makes triangles of which each vertex moves; each of the two geometries has a half of them. */
+static void make_triangles(struct made *made, struct random *random, const struct motion *motion, uint32_t count)
+{
+    struct span *spans = calloc(count, sizeof *spans);
+    struct portable_indexed_triangle *triangles = calloc(count, sizeof *triangles);
+    *made = (struct made){.header = {.content = PORTABLE_MOVING_TRIANGLES, .geometry_count = 2}};
+    made->vertices = calloc((size_t)3 * count + 1, sizeof *made->vertices);
+    made->triangles = calloc(count, sizeof *made->triangles);
+    assert_true(spans && triangles && made->vertices && made->triangles);
+    for (uint32_t i = 0; i < count; i++) {
+        double centre[3], moved[3];
+        random_point(random, centre);
+        random_point(random, moved);
+        for (int axis = 0; axis < 3; axis++)
+            moved[axis] = centre[axis] + motion->speed * moved[axis];
+        spans[i] = (struct span){{box_empty(), box_empty()}, i};
+        for (int k = 0; k < 3; k++) {
+            struct portable_moving_vertex *vertex = &made->vertices[3 * i + k];
+            make_place(random, motion, centre, 0.3, vertex->start);
+            make_place(random, motion, i % 5 == 0 ? centre : moved, 0.3, vertex->end);
+            box_add_point(&spans[i].keys[0], vertex->start);
+            box_add_point(&spans[i].keys[1], vertex->end);
+            triangles[i].vertices[k] = 3 * i + (uint32_t)k;
+        }
+        triangles[i].id = i | (i % 3 ? PORTABLE_ID_OPAQUE : 0);
+    }
+    make_nodes(made, spans, count);
+    for (uint32_t i = 0; i < count; i++)
+        made->triangles[i] = triangles[made->order[i]];
+    made->geometries[0].primitive_count = count / 2;
+    made->geometries[1] =
+        (struct portable_geometry){.first_primitive = count / 2, .primitive_count = count - count / 2};
+    made->view.records = made->triangles;
+    made->view.vertices = (const float *)made->vertices;
+    free(spans);
+    free(triangles);
+}
+
+/* ---- Brute force ---- */
+
+/* What the candidates of rays are asked: whether a triangle counts depends on its id. */
+static bool is_taken(uint32_t id, bool asks)
+{
+    return !asks || id & PORTABLE_ID_OPAQUE || id % 2 == 0;
+}
+
+static enum candidate_verdict ask(void *context, const struct ray *ray, const struct candidate_space *space,
+                                  struct ray_hit *hit)
+{
+    const struct made *made = context;
+    const uint32_t id = made->geometries[hit->geometry].first_primitive + hit->primitive;
+    (void)ray;
+    assert_false(space->is_opaque);
+    return is_taken(id, true) ? CANDIDATE_ACCEPT : CANDIDATE_IGNORE;
+}
+
+/* The closest hit so far. */
+struct expected {
+    double t;
+    uint32_t instance, id;
+    bool is_hit;
+};
+
+static void search(const struct made *made, const struct ray *ray, const double origin[3], const double direction[3],
+                   uint32_t instance, bool asks, struct expected *expected)
+{
+    struct triangle_ray prepared;
+    triangle_ray_init(origin, direction, &prepared);
+    for (uint32_t i = 0; i < made->header.record_count; i++) {
+        float corners[3][3];
+        struct triangle_hit hit;
+        for (int k = 0; k < 3; k++)
+            for (int axis = 0; axis < 3; axis++) {
+                const struct portable_moving_vertex *vertex = &made->vertices[made->triangles[i].vertices[k]];
+                const volatile float first = vertex->start[axis] * (1 - ray->time),
+                                     second = vertex->end[axis] * ray->time;
+                corners[k][axis] = first + second;
+            }
+        const uint32_t id = made->triangles[i].id;
+        if (!is_taken(id, asks) || !triangle_intersect(&prepared, corners[0], corners[1], corners[2], &hit) ||
+            !(hit.t > ray->tmin && hit.t < ray->tmax))
+            continue;
+        const double apart = hit.t - expected->t, same = 0x1p-32 * fabs(hit.t);
+        if (expected->is_hit && apart > same)
+            continue;
+        if (expected->is_hit && fabs(apart) <= same &&
+            (instance != expected->instance ? instance > expected->instance : (id & PORTABLE_ID_MASK) > expected->id))
+            continue;
+        *expected = (struct expected){hit.t, instance, id & PORTABLE_ID_MASK, true};
+    }
+}
+
+static float pick_time(struct random *random)
+{
+    const uint64_t kind = random_next(random) % 6;
+    return kind == 0 ? 0 : kind == 1 ? 1 : kind == 2 ? nextafterf(1, 0) : (float)random_between(random, 0, 1);
+}
+
+/* Makes a ray from around the structure to a point of one of its triangles, at the ray's time, or to near it. */
+static struct ray make_ray(struct random *random, const struct made *made)
+{
+    struct ray ray = {.tmax = FLT_MAX, .cull_mask = 0xff, .time = pick_time(random)};
+    const uint32_t record = (uint32_t)(random_next(random) % made->header.record_count);
+    const float *bounds = made->header.bounds;
+    const double v = random_between(random, -0.1, 0.6), w = random_between(random, -0.1, 0.6);
+    const bool is_parallel = random_next(random) % 8 == 0;
+    float corners[3][3];
+    double from[3], size = 0;
+    random_point(random, from);
+    motion_corners(&made->view, record, motion_weights_at(ray.time), corners);
+    for (int axis = 0; axis < 3; axis++)
+        size = fmax(size, ((double)bounds[3 + axis] - bounds[axis]) / 2);
+    for (int axis = 0; axis < 3; axis++) {
+        const double to = (1 - v - w) * corners[0][axis] + v * corners[1][axis] + w * corners[2][axis];
+        ray.origin[axis] = (float)(((double)bounds[axis] + bounds[3 + axis]) / 2 + 1.5 * size * from[axis]);
+        ray.direction[axis] = (float)(to - ray.origin[axis]);
+        if (is_parallel && axis == (int)(random_next(random) % 3)) {
+            ray.origin[axis] = (float)to;
+            ray.direction[axis] = random_next(random) % 2 ? 0 : -0.0f;
+        }
+    }
+    if (random_next(random) % 4 == 0)
+        ray.tmax = (float)random_between(random, 0, 1.2);
+    if (random_next(random) % 16 == 0)
+        ray.tmin = (float)random_between(random, -0.5, 0.5);
+    return ray;
+}
+
+enum way { DEFAULT, BASELINE, EXACT, FLIPPED, ASKING, WAYS };
+
+static const struct traverse_options ways[WAYS] = {
+    [BASELINE] = {.baseline_only = true},
+    [EXACT] = {.exact_only = true},
+    [FLIPPED] = {.flip_order = true},
+    [ASKING] = {.candidate = ask},
+};
+
+static void check_ray(const struct scene *scene, const struct made *made, struct ray *ray, enum way way,
+                      const struct expected *expected)
+{
+    struct traverse_options options = ways[way];
+    struct ray_hit hit = {.t = -7};
+    options.context = (void *)(uintptr_t)made;
+    const bool is_hit = traverse(scene, ray, way == DEFAULT ? NULL : &options, &hit, NULL);
+    if (is_hit != expected->is_hit ||
+        (is_hit && !(ray->flags & RAY_TERMINATE_ON_FIRST_HIT) &&
+         (hit.t != (float)expected->t ||
+          made->geometries[hit.geometry].first_primitive + hit.primitive != expected->id ||
+          hit.instance != expected->instance)))
+        fail_msg("way %d, time %.9g: %d %g, not %d %g (%u)", way, (double)ray->time, is_hit, (double)hit.t,
+                 expected->is_hit, expected->t, expected->id);
+}
+
+static uint32_t ray_count(void)
+{
+    const char *more = getenv("BVHD_TEST_RAYS");
+    return more ? (uint32_t)strtoul(more, NULL, 10) : RAYS;
+}
+
+static void check_triangles(const struct motion *motion, uint32_t seed, uint32_t rays)
+{
+    struct random random = {seed};
+    struct made made;
+    uint32_t hits = 0;
+    make_triangles(&made, &random, motion, 150);
+    const struct portable_view *view = &made.view;
+    const struct scene scene = {.bottoms = &view, .bottom_count = 1};
+    for (uint32_t i = 0; i < rays; i++) {
+        struct ray ray = make_ray(&random, &made);
+        const double origin[3] = {ray.origin[0], ray.origin[1], ray.origin[2]},
+                     direction[3] = {ray.direction[0], ray.direction[1], ray.direction[2]};
+        const enum way way = (enum way)(i % WAYS);
+        struct expected expected = {.is_hit = false};
+        if (way != ASKING && i % 3 == 0)
+            ray.flags = RAY_TERMINATE_ON_FIRST_HIT;
+        search(&made, &ray, origin, direction, RAY_NO_INSTANCE, way == ASKING, &expected);
+        check_ray(&scene, &made, &ray, way, &expected);
+        hits += expected.is_hit;
+    }
+    if (hits <= rays / 50)
+        fail_msg("seed %u: only %u of %u rays hit", seed, hits, rays);
+    finish_made(&made);
+}
+
+/* ---- The tests ---- */
+
+static void test_triangles(void **state)
+{
+    (void)state;
+    static const struct motion motions[] = {
+        {1, 0, 0, false}, {1, 0.3, 0, false}, {1, 5, 0, false}, {1, 0.3, 1000, false}, {1e-3, 0.1, -3000, false},
+    };
+    for (uint32_t i = 0; i < sizeof motions / sizeof *motions; i++)
+        check_triangles(&motions[i], 10 + i, ray_count());
+}
+
+/* Velocities of many times the size, numbers at the ends of float, structures without extent along an axis. */
+static void test_extremes(void **state)
+{
+    (void)state;
+    static const struct motion motions[] = {
+        {1, 1e6, 0, false},  {1e-30, 1e12, 0, false}, {1e20, 1e15, 0, false},  {1e-40, 1, 0, false},
+        {1e37, 1, 0, false}, {1, 0.5, 0.7, true},     {1, 0.5, 1e6, false}, {40, 1, 16777216, false},
+    };
+    for (uint32_t i = 0; i < sizeof motions / sizeof *motions; i++) {
+        const struct motion *motion = &motions[i];
+        check_triangles(motion, 30 + i, ray_count() / 4);
+    }
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_triangles),
+        cmocka_unit_test(test_extremes),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
