@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * test_leaf_moving.c - tests that rays through motion triangles and motion instances, in every walk, have the answers of
- * brute force at their time. The structures are made here, so that nothing but the traversal can be at fault.
+ * test_leaf_moving.c - tests that rays through motion triangles and motion instances, in every walk, have the answers
+ * of brute force at their time. The structures are made here, so that nothing but the traversal can be at fault.
  */
 #include "tests/support/unit.h"
 
@@ -145,6 +145,7 @@ static void make_nodes(struct made *made, struct span *spans, uint32_t count)
     made->header.node_count = node_count;
     made->header.record_count = records;
     made->view.nodes = (const struct portable_node *)made->nodes;
+    made->view.node_size = sizeof *made->nodes;
     made->view.header = &made->header;
     made->view.geometries = made->geometries;
     free(tasks);
@@ -360,6 +361,149 @@ static void check_triangles(const struct motion *motion, uint32_t seed, uint32_t
     finish_made(&made);
 }
 
+/* ---- Motion instances ---- */
+
+enum { BOTTOMS = 3, INSTANCES = 40 };
+
+/* A top level over some bottom levels. */
+struct world {
+    struct made bottoms[BOTTOMS], top;
+    const struct portable_view *views[BOTTOMS];
+    struct scene scene;
+};
+
+/* Returns the box of a bottom level under a matrix, with room for the rounding of the matrix at any time. */
+static struct box moved_box(const float bounds[6], const float matrix[12])
+{
+    struct box box;
+    for (int row = 0; row < 3; row++) {
+        double least = matrix[4 * row + 3], most = least, size = fabs(least);
+        for (int k = 0; k < 3; k++) {
+            const double a = (double)matrix[4 * row + k] * bounds[k], b = (double)matrix[4 * row + k] * bounds[3 + k];
+            least += fmin(a, b);
+            most += fmax(a, b);
+            size += fmax(fabs(a), fabs(b));
+        }
+        box.min[row] = nextafterf((float)(least - 0x1p-20 * size), -INFINITY);
+        box.max[row] = nextafterf((float)(most + 0x1p-20 * size), INFINITY);
+    }
+    return box;
+}
+
+static void set_identity(float numbers[16])
+{
+    numbers[0] = numbers[5] = numbers[10] = 1;
+}
+
+static void make_matrix(struct random *random, double scale, float numbers[16])
+{
+    set_identity(numbers);
+    for (int i = 0; i < 12; i++)
+        numbers[i] = (float)(scale * (numbers[i] + random_between(random, -0.5, 0.5)) +
+                             (i % 4 == 3 ? random_between(random, -20, 20) : 0));
+}
+
+static void make_srt(struct random *random, float numbers[16])
+{
+    for (int i = 0; i < 16; i++)
+        numbers[i] = (float)(i >= 13 ? random_between(random, -20, 20) : random_between(random, -1, 1));
+    numbers[0] += 2; /* the scale */
+    numbers[4] += 2;
+    numbers[7] += 2;
+}
+
+/* Returns a box of all times of an instance with a scale, a rotation and a translation. */
+static struct box srt_box(const float bounds[6], const struct portable_moving_instance *instance)
+{
+    struct box box = box_empty();
+    double reach = 0, farthest = 0;
+    for (int axis = 0; axis < 3; axis++)
+        farthest += pow(fmax(fabs((double)bounds[axis]), fabs((double)bounds[3 + axis])), 2);
+    farthest = sqrt(farthest);
+    for (int i = 0; i < 9; i++)
+        reach += fmax(fabs((double)instance->start[i]), fabs((double)instance->end[i])) * fmax(1, farthest);
+    for (int key = 0; key < 2; key++)
+        for (int sign = -1; sign <= 1; sign += 2) {
+            float point[3];
+            for (int axis = 0; axis < 3; axis++)
+                point[axis] = (float)((key ? instance->end : instance->start)[13 + axis] + 1.001 * sign * reach);
+            box_add_point(&box, point);
+        }
+    return box;
+}
+
+static void make_world(struct world *world, struct random *random)
+{
+    static const struct motion motions[BOTTOMS] = {{1, 0.5, 0, false}, {1, 0, 1, false}, {0.1, 3, -1, false}};
+    struct span spans[INSTANCES];
+    struct portable_moving_instance instances[INSTANCES] = {{0}};
+    for (uint32_t i = 0; i < BOTTOMS; i++) {
+        make_triangles(&world->bottoms[i], random, &motions[i], 30);
+        world->views[i] = &world->bottoms[i].view;
+    }
+    world->top = (struct made){.header = {.content = PORTABLE_MOVING_INSTANCES}};
+    for (uint32_t i = 0; i < INSTANCES; i++) {
+        struct portable_moving_instance *instance = &instances[i];
+        const float *bounds = world->bottoms[i % BOTTOMS].header.bounds;
+        *instance = (struct portable_moving_instance){.motion = random_next(random) % MOTION_TYPES,
+                                                      .custom_and_mask = (i % 7 == 0 ? 0x0fu : 0xf0u) << 24 | i,
+                                                      .instance = i,
+                                                      .handle = i % BOTTOMS};
+        if (instance->motion == MOTION_SRT) {
+            make_srt(random, instance->start);
+            make_srt(random, instance->end);
+            spans[i].keys[0] = spans[i].keys[1] = srt_box(bounds, instance);
+        } else {
+            make_matrix(random, 2, instance->start);
+            make_matrix(random, i % 9 == 0 ? -2 : 2, instance->end); /* of which some pass a singular one */
+            if (instance->motion == MOTION_STATIC)
+                memcpy(instance->end, instance->start, sizeof instance->end);
+            spans[i].keys[0] = moved_box(bounds, instance->start);
+            spans[i].keys[1] = moved_box(bounds, instance->end);
+        }
+        spans[i].index = i;
+    }
+    make_nodes(&world->top, spans, INSTANCES);
+    world->top.instances = calloc(INSTANCES, sizeof *world->top.instances);
+    assert_non_null(world->top.instances);
+    for (uint32_t i = 0; i < INSTANCES; i++)
+        world->top.instances[i] = instances[world->top.order[i]];
+    world->top.view.records = world->top.instances;
+    world->scene = (struct scene){.top = &world->top.view, .bottoms = world->views, .bottom_count = BOTTOMS};
+}
+
+static void search_world(const struct world *world, const struct ray *ray, struct expected *expected)
+{
+    for (uint32_t i = 0; i < INSTANCES; i++) {
+        const struct portable_moving_instance *instance = &world->top.instances[i];
+        struct traverse_state state = {.ray = ray};
+        float matrix[12];
+        if (!(instance->custom_and_mask >> 24 & ray->cull_mask) || !motion_matrix(instance, ray->time, matrix))
+            continue;
+        traverse_state_to_object(&state, matrix);
+        if (traverse_state_is_usable(&state))
+            search(&world->bottoms[instance->handle], ray, state.origin, state.direction, instance->instance, false,
+                   expected);
+    }
+}
+
+/* Makes a ray to the place of an instance at the ray's time. */
+static struct ray make_world_ray(struct random *random, const struct world *world)
+{
+    struct ray ray = {.tmax = FLT_MAX, .cull_mask = random_next(random) % 4 ? 0xff : 0xf0, .time = pick_time(random)};
+    float matrix[12];
+    double from[3], near[3];
+    if (!motion_matrix(&world->top.instances[random_next(random) % INSTANCES], ray.time, matrix))
+        memset(matrix, 0, sizeof matrix);
+    random_point(random, from);
+    random_point(random, near);
+    for (int axis = 0; axis < 3; axis++) {
+        ray.origin[axis] = (float)(40 * from[axis]);
+        ray.direction[axis] = (float)(matrix[4 * axis + 3] + near[axis] - ray.origin[axis]);
+    }
+    return ray;
+}
+
 /* ---- The tests ---- */
 
 static void test_triangles(void **state)
@@ -377,8 +521,8 @@ static void test_extremes(void **state)
 {
     (void)state;
     static const struct motion motions[] = {
-        {1, 1e6, 0, false},  {1e-30, 1e12, 0, false}, {1e20, 1e15, 0, false},  {1e-40, 1, 0, false},
-        {1e37, 1, 0, false}, {1, 0.5, 0.7, true},     {1, 0.5, 1e6, false}, {40, 1, 16777216, false},
+        {1, 1e6, 0, false},  {1e-30, 1e12, 0, false}, {1e20, 1e15, 0, false}, {1e-40, 1, 0, false},
+        {1e37, 1, 0, false}, {1, 0.5, 0.7, true},     {1, 0.5, 1e6, false},   {40, 1, 16777216, false},
     };
     for (uint32_t i = 0; i < sizeof motions / sizeof *motions; i++) {
         const struct motion *motion = &motions[i];
@@ -386,9 +530,35 @@ static void test_extremes(void **state)
     }
 }
 
+/* Instances of structures that move, by matrices and by scale, rotation and translation, seen through masks. */
+static void test_instances(void **state)
+{
+    (void)state;
+    struct random random = {77};
+    struct world world;
+    uint32_t hits = 0;
+    const uint32_t rays = ray_count();
+    make_world(&world, &random);
+    for (uint32_t i = 0; i < rays; i++) {
+        struct ray ray = make_world_ray(&random, &world);
+        struct expected expected = {.is_hit = false};
+        if (i % 3 == 0)
+            ray.flags = RAY_TERMINATE_ON_FIRST_HIT;
+        search_world(&world, &ray, &expected);
+        check_ray(&world.scene, &world.bottoms[expected.is_hit ? expected.instance % BOTTOMS : 0], &ray,
+                  (enum way)(i % ASKING), &expected);
+        hits += expected.is_hit;
+    }
+    assert_true(hits > rays / 20);
+    for (int i = 0; i < BOTTOMS; i++)
+        finish_made(&world.bottoms[i]);
+    finish_made(&world.top);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_instances),
         cmocka_unit_test(test_triangles),
         cmocka_unit_test(test_extremes),
     };
