@@ -205,6 +205,15 @@ bool traverse(const struct scene *scene, const struct ray *ray, const struct tra
     return traverse_state_finish(&walk.state, ret_hit, counters);
 }
 
+void traverse_positions_at(const struct scene *scene, const struct ray_hit *hit, float time, float ret_corners[3][3])
+{
+    const struct portable_view *view = scene->bottoms[hit->handle];
+    if (view->header->content == PORTABLE_MOVING_TRIANGLES)
+        motion_corners(view, hit->record, motion_weights_at(time), ret_corners);
+    else
+        traverse_positions(scene, hit, ret_corners);
+}
+
 void traverse_positions(const struct scene *scene, const struct ray_hit *hit, float ret_corners[3][3])
 {
     const float *corners[3];

@@ -15,6 +15,9 @@
  * (instance, geometry, primitive) wins. With TERMINATE_ON_FIRST_HIT only the existence of a hit is independent of the
  * order, not which hit it is. An instance's ray is transformed in double; t is the same in both spaces, and facing is
  * decided in object space.
+ *
+ * What moves is met as it is at the ray's time (motion.h): a triangle with its corners at that time, an instance with
+ * its matrix. The time counts in each structure that moves, whatever the other level is.
  */
 #ifndef BVHD_TRAVERSE_H
 #define BVHD_TRAVERSE_H
@@ -94,7 +97,11 @@ bool traverse(const struct scene *scene, const struct ray *ray, const struct tra
  */
 void traverse_settle(struct scene *scene);
 
-/* Fetches the object-space corners of the triangle that was hit, exactly as stored. Not for other kinds. */
+/*
+ * Fetch the object-space corners of the triangle that was hit: exactly as stored; or those of a triangle that may move,
+ * at the time of the ray. Not for other kinds.
+ */
 void traverse_positions(const struct scene *scene, const struct ray_hit *hit, float ret_corners[3][3]);
+void traverse_positions_at(const struct scene *scene, const struct ray_hit *hit, float time, float ret_corners[3][3]);
 
 #endif

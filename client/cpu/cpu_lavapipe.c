@@ -77,8 +77,10 @@ static void get_bounds(const struct cpu_structure *structure, float ret_bounds[6
     lavapipe_box_bounds(&root, ret_bounds);
 }
 
-static bool get_corners(const struct bvhd_cpu_scene *scene, const struct ray_hit *hit, float ret_corners[3][3])
+static bool get_corners(const struct bvhd_cpu_scene *scene, const struct ray_hit *hit, const float *time,
+                        float ret_corners[3][3])
 {
+    (void)time; /* nothing moves here */
     const struct lavapipe_view *view = &scene->structures[hit->handle].view.lavapipe;
     if (hit->record >= view->leaf_count || view->kind != LAVAPIPE_TRIANGLE)
         return false;
@@ -86,10 +88,12 @@ static bool get_corners(const struct bvhd_cpu_scene *scene, const struct ray_hit
     return true;
 }
 
-static void get_matrix(const struct cpu_structure *top, uint32_t record, float ret_matrix[12])
+static bool get_matrix(const struct cpu_structure *top, uint32_t record, const float *time, float ret_matrix[12])
 {
+    (void)time;
     const struct lavapipe_instance instance = lavapipe_instance_at(&top->view.lavapipe, record);
     memcpy(ret_matrix, instance.object_to_world, sizeof instance.object_to_world);
+    return true;
 }
 
 const struct cpu_target cpu_lavapipe = {

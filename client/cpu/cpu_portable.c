@@ -7,6 +7,7 @@
 
 #include "builder/format/record_kind.h"
 #include "builder/traverse/boxtest.h"
+#include "builder/traverse/motion.h"
 #include "client/library.h"
 
 /* Puts the corners of triangles beside each other, so that rays need not fetch them one by one. */
@@ -91,16 +92,28 @@ static uint64_t handle(const struct cpu_structure *top, uint64_t index)
     return bytes_get64(top->view.portable.handles + 8 * index);
 }
 
+static bool has_moving_instances(const struct cpu_structure *top)
+{
+    return top->view.portable.header->content == PORTABLE_MOVING_INSTANCES;
+}
+
 static const struct portable_instance *instance_at(const struct cpu_structure *top, uint32_t record)
 {
     return (const struct portable_instance *)top->view.portable.records + record;
 }
 
+static const struct portable_moving_instance *moving_instance_at(const struct cpu_structure *top, uint32_t record)
+{
+    return (const struct portable_moving_instance *)top->view.portable.records + record;
+}
+
 static uint64_t bottom(const struct bvhd_cpu_scene *scene, uint32_t record, uint32_t *ret_instance)
 {
-    const struct portable_instance *instance = instance_at(cpu_scene_top(scene), record);
-    *ret_instance = instance->instance;
-    return scene->rows ? scene->rows[instance->handle] : instance->handle;
+    const struct cpu_structure *top = cpu_scene_top(scene);
+    const bool moves = has_moving_instances(top);
+    const uint32_t handle = moves ? moving_instance_at(top, record)->handle : instance_at(top, record)->handle;
+    *ret_instance = moves ? moving_instance_at(top, record)->instance : instance_at(top, record)->instance;
+    return scene->rows ? scene->rows[handle] : handle;
 }
 
 static void get_bounds(const struct cpu_structure *structure, float ret_bounds[6])
@@ -108,12 +121,14 @@ static void get_bounds(const struct cpu_structure *structure, float ret_bounds[6
     memcpy(ret_bounds, structure->view.portable.header->bounds, sizeof(float[6]));
 }
 
-static bool get_corners(const struct bvhd_cpu_scene *scene, const struct ray_hit *hit, float ret_corners[3][3])
+static bool get_corners(const struct bvhd_cpu_scene *scene, const struct ray_hit *hit, const float *time,
+                        float ret_corners[3][3])
 {
     const struct portable_header *header = scene->structures[hit->handle].view.portable.header;
-    if (header->content > PORTABLE_TRIANGLES || hit->record >= header->record_count)
+    const bool moves = header->content == PORTABLE_MOVING_TRIANGLES;
+    if (!(moves ? time != NULL : header->content <= PORTABLE_TRIANGLES) || hit->record >= header->record_count)
         return false;
-    traverse_positions(&scene->walk.portable, hit, ret_corners);
+    traverse_positions_at(&scene->walk.portable, hit, time ? *time : 0, ret_corners);
     return true;
 }
 
@@ -130,9 +145,14 @@ static bool get_ends(const struct bvhd_cpu_scene *scene, const struct ray_hit *h
     return true;
 }
 
-static void get_matrix(const struct cpu_structure *top, uint32_t record, float ret_matrix[12])
+static bool get_matrix(const struct cpu_structure *top, uint32_t record, const float *time, float ret_matrix[12])
 {
+    if (has_moving_instances(top)) {
+        const struct portable_moving_instance *instance = moving_instance_at(top, record);
+        return (time || instance->motion == MOTION_STATIC) && motion_matrix(instance, time ? *time : 0, ret_matrix);
+    }
     memcpy(ret_matrix, instance_at(top, record)->object_to_world, sizeof(float[12]));
+    return true;
 }
 
 const struct cpu_target cpu_portable = {

@@ -278,18 +278,41 @@ static enum bvhd_status check_hit(const struct bvhd_cpu_scene *scene, const stru
     return BVHD_OK;
 }
 
-enum bvhd_status bvhd_cpu_scene_corners(const struct bvhd_cpu_scene *scene, const struct bvhd_cpu_hit *hit,
-                                        float ret_corners[3][3], struct bvhd_error *ret_error)
+static enum bvhd_status check_time(float time, struct bvhd_error *error)
 {
-    enum bvhd_status status = ARGUMENTS_CHECK(ret_error, {ret_corners, "ret_corners"});
+    if (time >= 0 && time <= 1)
+        return BVHD_OK;
+    return bvhd_error_set(error, BVHD_INVALID, "time", "%g is not in 0 .. 1", (double)time);
+}
+
+/* `time` is NULL if the caller has not said one. */
+static enum bvhd_status get_corners(const struct bvhd_cpu_scene *scene, const struct bvhd_cpu_hit *hit,
+                                    const float *time, float ret_corners[3][3], struct bvhd_error *error)
+{
+    enum bvhd_status status = ARGUMENTS_CHECK(error, {ret_corners, "ret_corners"});
     if (status == BVHD_OK)
-        status = check_hit(scene, hit, ret_error);
+        status = check_hit(scene, hit, error);
+    if (status == BVHD_OK && time)
+        status = check_time(*time, error);
     if (status != BVHD_OK)
         return status;
     const struct ray_hit inner = {.handle = hit->blob, .record = hit->record};
-    if (hit->flags & BVHD_CPU_HIT_AABB || !scene->target->corners(scene, &inner, ret_corners))
-        return bvhd_error_set(ret_error, BVHD_INVALID, "hit.record", "no triangle of this scene");
+    if (hit->flags & BVHD_CPU_HIT_AABB || !scene->target->corners(scene, &inner, time, ret_corners))
+        return bvhd_error_set(error, BVHD_INVALID, "hit.record", "no triangle of this scene%s",
+                              time ? "" : ", or one that moves: bvhd_cpu_scene_corners_at has its corners");
     return BVHD_OK;
+}
+
+enum bvhd_status bvhd_cpu_scene_corners(const struct bvhd_cpu_scene *scene, const struct bvhd_cpu_hit *hit,
+                                        float ret_corners[3][3], struct bvhd_error *ret_error)
+{
+    return get_corners(scene, hit, NULL, ret_corners, ret_error);
+}
+
+enum bvhd_status bvhd_cpu_scene_corners_at(const struct bvhd_cpu_scene *scene, const struct bvhd_cpu_hit *hit,
+                                           float time, float ret_corners[3][3], struct bvhd_error *ret_error)
+{
+    return get_corners(scene, hit, &time, ret_corners, ret_error);
 }
 
 enum bvhd_status bvhd_cpu_scene_ends(const struct bvhd_cpu_scene *scene, const struct bvhd_cpu_hit *hit,
@@ -320,19 +343,35 @@ enum bvhd_status bvhd_cpu_scene_positions(const struct bvhd_cpu_scene *scene, ui
     return positions_get(structure->positions, structure->blob.data, geometry, primitive, ret_positions, ret_error);
 }
 
-enum bvhd_status bvhd_cpu_scene_object_to_world(const struct bvhd_cpu_scene *scene, const struct bvhd_cpu_hit *hit,
-                                                float ret_matrix[12], struct bvhd_error *ret_error)
+static enum bvhd_status get_matrix(const struct bvhd_cpu_scene *scene, const struct bvhd_cpu_hit *hit,
+                                   const float *time, float ret_matrix[12], struct bvhd_error *error)
 {
     static const float identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
-    enum bvhd_status status = ARGUMENTS_CHECK(ret_error, {ret_matrix, "ret_matrix"});
+    enum bvhd_status status = ARGUMENTS_CHECK(error, {ret_matrix, "ret_matrix"});
     if (status == BVHD_OK)
-        status = check_hit(scene, hit, ret_error);
+        status = check_hit(scene, hit, error);
+    if (status == BVHD_OK && time)
+        status = check_time(*time, error);
     if (status != BVHD_OK)
         return status;
     const struct cpu_structure *top = cpu_scene_top(scene);
-    if (top)
-        scene->target->object_to_world(top, hit->instance_record, ret_matrix);
-    else
+    if (!top)
         memcpy(ret_matrix, identity, sizeof identity);
+    else if (!scene->target->object_to_world(top, hit->instance_record, time, ret_matrix))
+        return bvhd_error_set(error, BVHD_INVALID, "hit.instance_record", "%s",
+                              time ? "it has no transform at that time"
+                                   : "it moves: bvhd_cpu_scene_object_to_world_at has its transform");
     return BVHD_OK;
+}
+
+enum bvhd_status bvhd_cpu_scene_object_to_world(const struct bvhd_cpu_scene *scene, const struct bvhd_cpu_hit *hit,
+                                                float ret_matrix[12], struct bvhd_error *ret_error)
+{
+    return get_matrix(scene, hit, NULL, ret_matrix, ret_error);
+}
+
+enum bvhd_status bvhd_cpu_scene_object_to_world_at(const struct bvhd_cpu_scene *scene, const struct bvhd_cpu_hit *hit,
+                                                   float time, float ret_matrix[12], struct bvhd_error *ret_error)
+{
+    return get_matrix(scene, hit, &time, ret_matrix, ret_error);
 }

@@ -62,12 +62,16 @@ struct cpu_target {
     /* Returns the bottom level of an instance, as the traversal finds it, and its place in the request. */
     uint64_t (*bottom)(const struct bvhd_cpu_scene *scene, uint32_t record, uint32_t *ret_instance);
     void (*bounds)(const struct cpu_structure *structure, float ret_bounds[6]);
-    /* Returns false if there is no such triangle. */
-    bool (*corners)(const struct bvhd_cpu_scene *scene, const struct ray_hit *hit, float ret_corners[3][3]);
+    /* Returns false if there is no such triangle, or if it moves and `time` is NULL. */
+    bool (*corners)(const struct bvhd_cpu_scene *scene, const struct ray_hit *hit, const float *time,
+                    float ret_corners[3][3]);
     /* Returns false if there is no such sphere or linear swept sphere. NULL: the target has none. */
     bool (*ends)(const struct bvhd_cpu_scene *scene, const struct ray_hit *hit, float ret_ends[2][4]);
-    /* Gives the transform of an instance, by a record below instance_count. */
-    void (*object_to_world)(const struct cpu_structure *top, uint32_t record, float ret_matrix[12]);
+    /*
+     * Gives the transform of an instance, by a record below instance_count. Returns false if it moves and `time` is
+     * NULL, or has none at that time.
+     */
+    bool (*object_to_world)(const struct cpu_structure *top, uint32_t record, const float *time, float ret_matrix[12]);
 };
 
 extern const struct cpu_target cpu_portable, cpu_lavapipe;

@@ -488,12 +488,18 @@ static void traced(const struct bvhd_cpu_blob *blob)
     CALL(bvhd_cpu_scene_corners(scene, NULL, corners, &world.error), BVHD_INVALID, "hit", "hit is NULL");
     CALL(bvhd_cpu_scene_corners(scene, &hit, NULL, &world.error), BVHD_INVALID, "ret_corners", "ret_corners is NULL");
     CALL(bvhd_cpu_scene_corners(scene, &hit, corners, &world.error), BVHD_INVALID, "hit.blob", "hit nothing");
+    CALL(bvhd_cpu_scene_corners_at(scene, NULL, 0, corners, &world.error), BVHD_INVALID, "hit", "hit is NULL");
     CALL(bvhd_cpu_scene_ends(scene, &hit, NULL, &world.error), BVHD_INVALID, "ret_ends", "ret_ends is NULL");
     hit.blob = 77;
     CALL(bvhd_cpu_scene_object_to_world(scene, &hit, numbers, &world.error), BVHD_INVALID, "hit.blob",
          "77 is no bottom level");
     CALL(bvhd_cpu_scene_object_to_world(scene, &hit, NULL, &world.error), BVHD_INVALID, "ret_matrix",
          "ret_matrix is NULL");
+    CALL(bvhd_cpu_scene_object_to_world_at(scene, &hit, 0, NULL, &world.error), BVHD_INVALID, "ret_matrix",
+         "ret_matrix is NULL");
+    hit.blob = 0;
+    CALL(bvhd_cpu_scene_corners_at(scene, &hit, 2, corners, &world.error), BVHD_INVALID, "time", "2 is not in 0 .. 1");
+    CALL(bvhd_cpu_scene_object_to_world_at(scene, &hit, NAN, numbers, &world.error), BVHD_INVALID, "time", "nan");
     CALL(bvhd_cpu_scene_positions(scene, 0, 0, 0, NULL, &world.error), BVHD_INVALID, "ret_positions",
          "ret_positions is NULL");
     CALL(bvhd_cpu_scene_positions(scene, 1, 0, 0, corners, &world.error), BVHD_INVALID, "blob", "1 is no bottom level");
@@ -529,6 +535,9 @@ static void traversal(void)
     CALL(bvhd_cpu_scene_trace(NULL, &trace, &world.error), BVHD_INVALID, "scene", "scene is NULL");
     CALL(bvhd_cpu_scene_ends(NULL, &hit, ends, &world.error), BVHD_INVALID, "scene", "scene is NULL");
     CALL(bvhd_cpu_scene_corners(NULL, &hit, corners, &world.error), BVHD_INVALID, "scene", "scene is NULL");
+    CALL(bvhd_cpu_scene_corners_at(NULL, &hit, 0, corners, &world.error), BVHD_INVALID, "scene", "scene is NULL");
+    CALL(bvhd_cpu_scene_object_to_world_at(NULL, &hit, 0, numbers, &world.error), BVHD_INVALID, "scene",
+         "scene is NULL");
     CALL(bvhd_cpu_scene_positions(NULL, 0, 0, 0, corners, &world.error), BVHD_INVALID, "scene", "scene is NULL");
     CALL(bvhd_cpu_scene_object_to_world(NULL, &hit, numbers, &world.error), BVHD_INVALID, "scene", "scene is NULL");
     QUIET((bvhd_cpu_scene_destroy(NULL), true));
