@@ -14,6 +14,8 @@
 #include "builder/top/pieces.h"
 #include "builder/input/primitive.h"
 #include "builder/rescale.h"
+#include "builder/restore.h"
+#include "proto/base/kind.h"
 #include "builder/top/scatter.h"
 #include "builder/piece/spatial.h"
 #include "builder/top/spatial_split.h"
@@ -41,6 +43,7 @@ struct construction {
     float price; /* cost of a split, from spatial_split to the pieces */
     struct split_tree tree;
     bool rescaled;
+    bool moves; /* refs have boxes that hold each primitive at all times, until the tree is there */
     bool needs_binary; /* the caller wants the binary tree, or has to change it before it is made wide */
     bool is_second; /* this is the second attempt (make_shallow_tree); the first one has already reported progress */
     struct ir ir; /* when `wide` was joined from pieces, only the boxes and refs that layouts read */
@@ -98,8 +101,9 @@ static void count_primitives(const struct canonical *canonical, struct build_sta
     stats->primitives = canonical->primitive_count;
     for (uint32_t i = 0; i < canonical->geometry_count; i++) {
         const struct canonical_geometry *geometry = &canonical->geometries[i];
-        stats->triangles += geometry->type == GEOMETRY_TRIANGLES ? geometry->primitive_count : 0;
-        stats->instances += geometry->type == GEOMETRY_INSTANCES ? geometry->primitive_count : 0;
+        const uint32_t type = kind_find(geometry->type)->vulkan_type;
+        stats->triangles += type == GEOMETRY_TRIANGLES ? geometry->primitive_count : 0;
+        stats->instances += type == GEOMETRY_INSTANCES ? geometry->primitive_count : 0;
     }
 }
 
@@ -173,7 +177,8 @@ static bool split_refs_fit(const struct construction *construction)
 }
 
 /*
- * Rescaling and updates replace boxes by those of whole primitives, which would lose the splits. Embree calls back for
+ * Rescaling and updates replace boxes by those of whole primitives, which would lose the splits; so would the two keys
+ * of what moves, which clip_allowed refuses. Embree calls back for
  * each split, which is written for triangles.
  */
 static bool may_split(const struct construction *construction)
@@ -331,6 +336,12 @@ static struct collapse_options collapse_wanted(const struct construction *constr
                                      construction->context->cancel, construction->quality == QUALITY_FAST};
 }
 
+/* Returns whether the tree is built over boxes that are not those of its primitives. */
+static bool must_restore(const struct construction *construction)
+{
+    return construction->rescaled || construction->moves;
+}
+
 /*
  * Pieces are collapsed one by one, while each is in the cache, unless the binary tree is needed or changed before. The
  * roots of pieces then are wide nodes, whether that suits the levels above or not: this saves a tenth of the build time
@@ -338,20 +349,22 @@ static struct collapse_options collapse_wanted(const struct construction *constr
  */
 static bool collapses_at_once(const struct construction *construction)
 {
-    return construction->method == PIECES_PLOC && !construction->needs_binary && !construction->rescaled &&
+    return construction->method == PIECES_PLOC && !construction->needs_binary && !must_restore(construction) &&
            !construction->layout->inflate_boxes && construction->layout->arity != 2 &&
            construction->tree.piece_count > 1;
 }
 
-/* Gives a rescaled tree the boxes of its primitives, and computes its cost at their scale. */
-static bool restore_scale(struct construction *construction, double *cost)
+/* Gives the joined tree the boxes of its primitives if it has others, and computes its cost. */
+static enum bvhd_status finish_boxes(struct construction *construction, double cost)
 {
-    if (!construction->rescaled)
-        return true;
-    if (!rescale_restore(construction->canonical, construction->context, &construction->ir))
-        return false;
-    *cost = ir_cost(&construction->ir, 0, construction->ir.node_count);
-    return true;
+    struct ir *ir = &construction->ir;
+    const double root = box_half_area(&ir->boxes[0][0]);
+    construction->stats.sah = root > 0 ? cost / root : 0;
+    if (!must_restore(construction))
+        return BVHD_OK;
+    enum bvhd_status status = restore_boxes(construction->canonical, construction->context, ir, construction->error);
+    construction->stats.sah = status == BVHD_OK ? ir_sah(ir) : 0;
+    return status;
 }
 
 static enum bvhd_status build_pieces(struct construction *construction)
@@ -376,11 +389,8 @@ static enum bvhd_status build_pieces(struct construction *construction)
     if (status != BVHD_OK)
         return status;
     free_split(construction);
-    if (!restore_scale(construction, &cost))
-        return cancelled(construction);
-    double root = box_half_area(&construction->ir.boxes[0][0]);
-    stats->sah = root > 0 ? cost / root : 0;
-    return stage_end(construction, &stats->ms.join);
+    status = finish_boxes(construction, cost);
+    return status == BVHD_OK ? stage_end(construction, &stats->ms.join) : status;
 }
 
 static enum bvhd_status limit_depth(struct construction *construction, uint32_t limit)
@@ -495,6 +505,7 @@ static enum bvhd_status construction_init(struct construction *construction, con
     *construction = (struct construction){.view = *canonical, .context = context, .error = error, .clock = clock_ms()};
     construction->canonical = &construction->view;
     construction->record = record_kind_of(record_content_of(canonical, options->layout_flags));
+    construction->moves = canonical_moves(canonical);
     construction->quality = tier_resolve(canonical, options);
     construction->stats.quality = construction->quality;
     construction->method = method_choose(canonical, options->builder, construction->quality);

@@ -4,7 +4,9 @@
  * makes the copy).
  *
  * Stages: primitive boxes -> a split into pieces at the top -> a tree for each piece, one thread each -> one joined
- * binary tree (ir) -> passes over it -> collapse into 8-wide nodes -> layout, which writes the blob. With quality fast,
+ * binary tree (ir) -> passes over it -> collapse into 8-wide nodes -> layout, which writes the blob. Where something
+ * moves, the tree is built over boxes that hold each primitive at all times, and gets those of t = 0 and t = 1 when it
+ * has been joined (restore.h). With quality fast,
  * pieces are collapsed one by one and joined as wide trees (wide_pieces.h). Stages run on context->parallel; the cancel
  * flag is checked between pieces and stages.
  */
@@ -34,7 +36,7 @@ struct build_stats {
     uint64_t inactive, degenerate, skipped; /* counts of primitives; primitive.h defines the three */
     uint64_t refs; /* references in leaves; more than the primitives in the tree when some are split */
     uint32_t depth; /* levels of the binary tree, after the depth pass */
-    double sah; /* SAH cost of the binary tree; 0 when it is empty */
+    double sah; /* SAH cost of the binary tree (ir_sah); 0 when it is empty */
     /*
      * "ploc", "binned" or "spatial"; by Embree "embree-low", "embree-medium" or "embree-high"; "none" when there are no
      * refs; a static string

@@ -154,7 +154,7 @@ void facts_gather(const struct canonical *canonical, struct facts *ret_facts)
     sample.count = 0;
     sample.total = 0;
     sample.bounds = box_empty();
-    bool can_be_cut = canonical->geometry_count > 0 && kind_find(canonical->geometries[0].type)->can_be_cut;
+    bool can_be_cut = canonical->geometry_count > 0 && kind_find(canonical_kind(canonical))->can_be_cut;
     facts.can_split = can_be_cut && !(canonical->flags & (BUILD_LOW_MEMORY | BUILD_ALLOW_UPDATE));
     draw(canonical, facts.sampled, &sample);
     facts.met = sample.count;

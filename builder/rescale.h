@@ -2,14 +2,12 @@
 /*
  * rescale.h - scales scenes of extreme magnitude to a moderate one by a power of two, because builders square
  * coordinates, and squares of very large or very small ones leave float's range. After the build the tree gets the
- * exact boxes of its primitives back.
+ * exact boxes of its primitives back (restore.h).
  */
 #ifndef BVHD_RESCALE_H
 #define BVHD_RESCALE_H
 
-#include "builder/format/canonical.h"
 #include "builder/context.h"
-#include "builder/format/ir.h"
 #include "builder/input/primitive.h"
 
 /* True when the largest magnitude of any coordinate in `bounds` is not 0 and lies outside 2^-20 .. 2^40. */
@@ -21,12 +19,5 @@ bool rescale_is_needed(const struct box *bounds);
  * Returns false when cancelled.
  */
 bool rescale_refs(struct primitive_refs *refs, const struct build_context *context);
-
-/*
- * Gives each node of a tree that was built over scaled refs the exact box of its primitives. The tree must not contain
- * spatial splits (build() makes none in rescaled scenes). The leaves run on context->parallel, the nodes above them on
- * the calling thread. Returns false when cancelled.
- */
-bool rescale_restore(const struct canonical *canonical, const struct build_context *context, struct ir *ir);
 
 #endif

@@ -81,12 +81,14 @@ static enum bvhd_status check_leaf(struct tree_check *check, uint32_t node)
         if (check->seen_primitives[id] && !check->allow_split)
             return broken(check, node, "a primitive is referenced twice");
         check->seen_primitives[id] = 1;
-        const struct box *box = check->primitive_boxes ? &check->primitive_boxes[id] : NULL;
-        if (box && box_is_empty(box))
-            return broken(check, node, "a reference names a primitive that is not in the tree");
-        if (box &&
-            !(check->allow_split ? box_overlaps(&ir->boxes[0][node], box) : box_contains(&ir->boxes[0][node], box)))
-            return broken(check, node, "the leaf's box does not hold a primitive");
+        for (uint32_t key = 0; check->primitive_boxes && key < ir->key_count; key++) {
+            const struct box *box = &check->primitive_boxes[(uint64_t)key * check->primitive_count + id];
+            const struct box *own = &ir->boxes[key][node];
+            if (box_is_empty(box))
+                return broken(check, node, "a reference names a primitive that is not in the tree");
+            if (!(check->allow_split ? box_overlaps(own, box) : box_contains(own, box)))
+                return broken(check, node, "the leaf's box does not hold a primitive");
+        }
     }
     check->spans[node] = (struct span){leaf.first, leaf.count};
     return BVHD_OK;
@@ -178,7 +180,9 @@ double ir_sah(const struct ir *ir)
 {
     if (ir->node_count == 0)
         return 0;
-    double root = box_half_area(&ir->boxes[0][0]);
+    double root = 0;
+    for (uint32_t key = 0; key < ir->key_count; key++)
+        root += box_half_area(&ir->boxes[key][0]);
     return root > 0 ? ir_cost(ir, 0, ir->node_count) / root : 0;
 }
 
@@ -187,7 +191,8 @@ double ir_cost(const struct ir *ir, uint32_t first, uint32_t end)
     double cost = 0;
     for (uint32_t node = first; node < end; node++) {
         uint32_t count = ir->nodes[node].count;
-        cost += box_half_area(&ir->boxes[0][node]) * (count ? count : 1);
+        for (uint32_t key = 0; key < ir->key_count; key++)
+            cost += box_half_area(&ir->boxes[key][node]) * (count ? count : 1);
     }
     return cost;
 }

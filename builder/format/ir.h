@@ -59,15 +59,16 @@ void ir_finish(struct ir *ir);
 /*
  * Checks all invariants above in O(nodes). primitive_boxes[id] is each primitive's box, empty for one that is not in
  * the tree: leaf boxes must contain them (or intersect them, with split references), and each non-empty one must be
- * referenced. `primitive_boxes` may be NULL. Returns BVHD_INTERNAL with the node in `where` if an invariant is broken,
- * and BVHD_NO_MEMORY.
+ * referenced. Those of the second key follow those of the first. `primitive_boxes` may be NULL. Returns BVHD_INTERNAL
+ * with the node in `where` if an invariant is broken, and BVHD_NO_MEMORY.
  */
 enum bvhd_status ir_check(const struct ir *ir, uint32_t primitive_count, const struct box *primitive_boxes,
                           bool allow_split, struct memory *memory, struct bvhd_error *error);
 
 /*
  * Returns the SAH cost with traversal = intersection = 1: the sum of area over inner nodes and of area * count over
- * leaves, divided by the root's area. It is 0 for an empty tree and for a root without area.
+ * leaves, divided by the root's area, each area summed over all keys. It is 0 for an empty tree and for a root without
+ * area.
  */
 double ir_sah(const struct ir *ir);
 

@@ -127,9 +127,6 @@ enum bvhd_status validate_input_until(const struct build_input *input, uint32_t 
                                  "pGeometries is NULL, but geometryCount is %u", input->geometry_count);
     if (status == BVHD_OK)
         status = check_geometries(input, index, limits, cancel, error);
-    if (status == BVHD_OK && input->flags & BUILD_MOTION) /* THE DOOR: motion is not built until these two lines go */
-        status = bvhd_error_set(error, BVHD_UNSUPPORTED, place("infos[%u].flags", index).text,
-                                "flag MOTION is not supported");
     return status;
 }
 
