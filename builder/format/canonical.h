@@ -97,8 +97,8 @@ struct canonical_instance {
 struct canonical_instance canonical_instance(const struct canonical_geometry *geometry, uint32_t index);
 
 /*
- * The numbers of an instance at t = 0 and t = 1, for motion_matrix (motion.h): of MOTION_STATIC and MOTION_MATRIX the
- * first 12, and of a static one the same twice. Numbers that the type does not use are 0.
+ * The numbers of an instance at t = 0 and t = 1: of MOTION_STATIC and MOTION_MATRIX the first 12, and of a static one
+ * the same twice; of MOTION_SRT those of VkSRTDataNV (srt.h). Numbers that the type does not use are 0.
  */
 struct canonical_motion {
     uint32_t type; /* MOTION_ */

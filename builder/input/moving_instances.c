@@ -4,7 +4,7 @@
 
 #include "builder/input/classification.h"
 #include "builder/input/instances.h"
-#include "builder/input/srt.h"
+#include "builder/input/srt_bounds.h"
 #include "builder/input/transform.h"
 #include "builder/input/validate.h"
 #include "proto/base/round_outward.h"
@@ -186,7 +186,7 @@ static void matrix_bounds(const struct canonical_motion *motion, const struct bo
 
 /*
  * Returns bounds that hold the structure at all times: its own are those of both ends, which rounding lets interpolated
- * vertices leave (motion.h). An empty structure is at the origin.
+ * vertices leave. An empty structure is at the origin.
  */
 static struct box bounds_of(const struct box *bounds)
 {
@@ -202,7 +202,7 @@ static struct box bounds_of(const struct box *bounds)
 
 static void clamp_all(float *numbers)
 {
-    for (int i = 0; i < MOTION_SRT_NUMBERS; i++)
+    for (int i = 0; i < SRT_NUMBERS; i++)
         numbers[i] = classification_clamp(numbers[i]);
 }
 

@@ -1,11 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* test_rescale.c - tests that only extreme scenes are rescaled, exactly, and that exact boxes come back. */
+/* test_rescale.c - tests that only extreme scenes are rescaled, and exactly. */
 #include "tests/support/unit.h"
 
 #include <math.h>
 
 #include "builder/rescale.h"
-#include "tests/support/builder/test_ir.h"
 #include "tests/support/builder/test_refs.h"
 
 static const struct build_context serial = {.parallel = &parallel_serial};
@@ -65,39 +64,11 @@ static void refs_are_scaled_exactly(void **state)
     }
 }
 
-/* A tree with wrong boxes gets the boxes of its primitives, bit for bit as a tree made over them has. */
-static void boxes_come_back(void **state)
-{
-    (void)state;
-    struct test_shape shape = {
-        .type = GEOMETRY_TRIANGLES, .geometries = 3, .primitives = 4000, .size = 1e30, .detail = 0.01};
-    struct test_model model;
-    struct memory memory;
-    struct ir ir;
-    memory_init(&memory, UINT64_MAX);
-    test_model_make(&shape, 4, &model);
-    for (uint32_t id = 0; id < 12000; id++)
-        model.boxes[id] = primitive_box(&model.canonical, &model.canonical.geometries[id / 4000], id % 4000);
-    assert_int_equal(test_ir_make(model.boxes, 12000, 3, &memory, &ir), BVHD_OK);
-    size_t size = ir.node_count * sizeof *ir.boxes[0];
-    struct box *before = malloc(size);
-    assert_non_null(before);
-    memcpy(before, ir.boxes[0], size);
-    memset(ir.boxes[0], 0, size);
-    assert_true(rescale_restore(&model.canonical, &serial, &ir));
-    assert_memory_equal(ir.boxes[0], before, size);
-    free(before);
-    ir_finish(&ir);
-    test_model_finish(&model);
-    assert_int_equal(memory.live, 0);
-}
-
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(only_extremes_need_it),
         cmocka_unit_test(refs_are_scaled_exactly),
-        cmocka_unit_test(boxes_come_back),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -195,7 +195,6 @@ static const struct wrong entries[] = {
     WRONG(triangles, unknown_flags, BUILD "flags-parameter", "infos[3].flags"),
     WRONG(triangles, high_flags, BUILD "flags-parameter", "infos[3].flags"),
     WRONG(aabbs, both_preferences, BUILD "flags-03796", "infos[3].flags"),
-    FOREIGN(triangles, motion_flag, "infos[3].flags"),
     WRONG(instances, motion_flag, "", "infos[3].flags"),
     WRONG(instances, motion_instances_without_flag, "", "infos[3].flags"),
     WRONG(triangles, motion_triangles_without_flag, "VUID-VkAccelerationStructureCreateInfoKHR-flags-04955",

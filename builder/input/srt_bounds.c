@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "builder/input/srt.h"
+#include "builder/input/srt_bounds.h"
 
 #include <math.h>
 
@@ -23,9 +23,9 @@ static double product(const struct quaternion *a, const struct quaternion *b)
     return a->q[0] * b->q[0] + a->q[1] * b->q[1] + a->q[2] * b->q[2] + a->q[3] * b->q[3];
 }
 
-static struct quaternion load(const float srt[MOTION_SRT_NUMBERS])
+static struct quaternion load(const float srt[SRT_NUMBERS])
 {
-    return (struct quaternion){{srt[MOTION_QX], srt[MOTION_QY], srt[MOTION_QZ], srt[MOTION_QW]}};
+    return (struct quaternion){{srt[SRT_QX], srt[SRT_QY], srt[SRT_QZ], srt[SRT_QW]}};
 }
 
 /* Returns the sum, brought to length 1: of two of length 1, the rotation in the middle between them. */
@@ -84,15 +84,14 @@ static bool divide(const struct quaternion *start, const struct quaternion *end,
 }
 
 /* How far what the scales of an SRT make of a box reaches from the pivot. */
-static double radius_of(const float srt[MOTION_SRT_NUMBERS], const struct box *box)
+static double radius_of(const float srt[SRT_NUMBERS], const struct box *box)
 {
     double greatest = 0;
     for (int corner = 0; corner < 8; corner++) {
         const double x = corner & 1 ? box->max[0] : box->min[0], y = corner & 2 ? box->max[1] : box->min[1],
                      z = corner & 4 ? box->max[2] : box->min[2];
-        const double a = srt[MOTION_SX] * x + srt[MOTION_A] * y + srt[MOTION_B] * z + srt[MOTION_PVX],
-                     b = srt[MOTION_SY] * y + srt[MOTION_C] * z + srt[MOTION_PVY],
-                     c = srt[MOTION_SZ] * z + srt[MOTION_PVZ];
+        const double a = srt[SRT_SX] * x + srt[SRT_A] * y + srt[SRT_B] * z + srt[SRT_PVX],
+                     b = srt[SRT_SY] * y + srt[SRT_C] * z + srt[SRT_PVY], c = srt[SRT_SZ] * z + srt[SRT_PVZ];
         greatest = fmax(greatest, a * a + b * b + c * c);
     }
     return sqrt(greatest);
@@ -109,17 +108,16 @@ static double magnitude_of(const float *start, const float *end, const struct bo
     double p[3];
     for (int axis = 0; axis < 3; axis++)
         p[axis] = fmax(fabs((double)box->min[axis]), fabs((double)box->max[axis]));
-    return greater(start, end, MOTION_SX) * p[0] +
-           (greater(start, end, MOTION_A) + greater(start, end, MOTION_SY)) * p[1] +
-           (greater(start, end, MOTION_B) + greater(start, end, MOTION_C) + greater(start, end, MOTION_SZ)) * p[2] +
-           greater(start, end, MOTION_PVX) + greater(start, end, MOTION_PVY) + greater(start, end, MOTION_PVZ);
+    return greater(start, end, SRT_SX) * p[0] + (greater(start, end, SRT_A) + greater(start, end, SRT_SY)) * p[1] +
+           (greater(start, end, SRT_B) + greater(start, end, SRT_C) + greater(start, end, SRT_SZ)) * p[2] +
+           greater(start, end, SRT_PVX) + greater(start, end, SRT_PVY) + greater(start, end, SRT_PVZ);
 }
 
-static void grow(const struct quaternion *rotation, const float srt[MOTION_SRT_NUMBERS], const struct box *box,
-                 double min[3], double max[3])
+static void grow(const struct quaternion *rotation, const float srt[SRT_NUMBERS], const struct box *box, double min[3],
+                 double max[3])
 {
     double matrix[12], low[3], high[3];
-    motion_turn(rotation->q, srt, matrix);
+    srt_turn(rotation->q, srt, matrix);
     transform_bounds(matrix, box, low, high);
     for (int axis = 0; axis < 3; axis++) {
         min[axis] = fmin(min[axis], low[axis]);
@@ -129,7 +127,7 @@ static void grow(const struct quaternion *rotation, const float srt[MOTION_SRT_N
 
 /*
  * Bounds what turns and scales make of the box at all times, without translation. Between the ends of a part, and
- * between the scales of both ends, each point is in the hull of its four places there, grown as srt.h says: the cosine
+ * between the scales of both ends, each point is in the hull of its four places there, grown as srt_bounds.h says: the cosine
  * of half a part's angle is the product of its quaternions.
  */
 static void bound_turn(const float *start, const float *end, const struct box *box, double min[3], double max[3])
@@ -161,14 +159,14 @@ static void bound_turn(const float *start, const float *end, const struct box *b
     }
 }
 
-void srt_bounds(const float start[MOTION_SRT_NUMBERS], const float end[MOTION_SRT_NUMBERS], const struct box *box,
+void srt_bounds(const float start[SRT_NUMBERS], const float end[SRT_NUMBERS], const struct box *box,
                 struct box ret_boxes[2])
 {
     double min[3], max[3];
     bound_turn(start, end, box, min, max);
     for (int axis = 0; axis < 3; axis++) {
-        const double slack = greater(start, end, MOTION_TX + axis) * 0x1p-21, from = start[MOTION_TX + axis],
-                     to = end[MOTION_TX + axis];
+        const double slack = greater(start, end, SRT_TX + axis) * 0x1p-21, from = start[SRT_TX + axis],
+                     to = end[SRT_TX + axis];
         ret_boxes[0].min[axis] = classification_clamp(round_down(from + min[axis] - slack));
         ret_boxes[0].max[axis] = classification_clamp(round_up(from + max[axis] + slack));
         ret_boxes[1].min[axis] = classification_clamp(round_down(to + min[axis] - slack));
