@@ -23,6 +23,7 @@ struct trace {
     uint32_t mesh_count;
     const struct ray *rays;
     uint32_t ray_count;
+    bool moves; /* something does, so that the time of rays matters */
     size_t chunk; /* rays */
     struct memory *memory;
     void (*progress)(void *context, uint64_t done, uint64_t total);
@@ -45,6 +46,8 @@ struct primitive_block {
     struct oracle_filter_block filter;
     const struct oracle_kind *kinds[ORACLE_FILTER_BLOCK];
     union oracle_subject subjects[ORACLE_FILTER_BLOCK];
+    struct oracle_moment moments[ORACLE_FILTER_BLOCK]; /* to which subjects refer: one for each mesh */
+    uint32_t moment_count;
     struct oracle_primitive_id ids[ORACLE_FILTER_BLOCK];
 };
 
@@ -52,12 +55,13 @@ struct primitive_cursor {
     uint32_t mesh, primitive;
 };
 
-static void block_add(struct primitive_block *block, const struct oracle_mesh *mesh, uint32_t primitive)
+static void block_add(struct primitive_block *block, const struct oracle_moment *moment, uint32_t primitive)
 {
+    const struct oracle_mesh *mesh = moment->mesh;
     uint32_t at = block->filter.count;
     const struct oracle_kind *kind = kinds[mesh->shape];
     double centre[3], radius;
-    if (!kind->fetch(mesh, primitive, &block->subjects[at]))
+    if (!kind->fetch(moment, primitive, &block->subjects[at]))
         return;
     kind->sphere(&block->subjects[at], centre, &radius);
     block->kinds[at] = kind;
@@ -65,19 +69,32 @@ static void block_add(struct primitive_block *block, const struct oracle_mesh *m
     oracle_filter_add(&block->filter, centre, radius);
 }
 
-/* Fills the block with the next primitives that can be hit. Returns how many primitives were read; 0 at the end. */
-static uint64_t block_fill(const struct trace *trace, struct primitive_cursor *cursor, double wobble,
+/*
+ * Fills the block with the next primitives that can be hit at that time. Returns how many primitives were read; 0 at the
+ * end.
+ */
+static uint64_t block_fill(const struct trace *trace, struct primitive_cursor *cursor, float time, double wobble,
                            struct primitive_block *ret_block)
 {
     uint64_t seen = 0;
     oracle_filter_begin(&ret_block->filter, wobble);
+    ret_block->moment_count = 0;
     for (; cursor->mesh < trace->mesh_count; cursor->mesh++, cursor->primitive = 0) {
         const struct oracle_mesh *mesh = &trace->meshes[cursor->mesh];
+        const uint32_t before = ret_block->filter.count;
+        if (before == ORACLE_FILTER_BLOCK)
+            return seen;
+        struct oracle_moment *moment = &ret_block->moments[ret_block->moment_count];
+        if (!oracle_moment_make(mesh, time, moment)) {
+            seen += mesh->primitive_count - cursor->primitive;
+            continue;
+        }
         for (; cursor->primitive < mesh->primitive_count; cursor->primitive++, seen++) {
             if (ret_block->filter.count == ORACLE_FILTER_BLOCK)
                 return seen;
-            block_add(ret_block, mesh, cursor->primitive);
+            block_add(ret_block, moment, cursor->primitive);
         }
+        ret_block->moment_count += ret_block->filter.count > before;
     }
     return seen;
 }
@@ -86,6 +103,7 @@ static uint64_t block_fill(const struct trace *trace, struct primitive_cursor *c
 
 struct ray_chunk {
     uint32_t count;
+    float time; /* of all its rays, if something moves */
     double wobble; /* the largest of all its rays (oracle_filter.h) */
     struct oracle_pursuit *pursuits;
     struct oracle_filter_ray *filters;
@@ -94,7 +112,7 @@ struct ray_chunk {
 
 static bool chunk_init(struct ray_chunk *chunk, const struct ray *rays, uint32_t count, struct memory *memory)
 {
-    *chunk = (struct ray_chunk){.count = count};
+    *chunk = (struct ray_chunk){.count = count, .time = rays->time};
     chunk->pursuits = memory_array(memory, count, sizeof *chunk->pursuits);
     chunk->filters = memory_array(memory, count, sizeof *chunk->filters);
     chunk->block = memory_alloc(memory, sizeof *chunk->block);
@@ -157,7 +175,7 @@ static bool chunk_walk(struct ray_chunk *chunk, struct trace *trace)
     struct primitive_cursor cursor = {0};
     uint64_t seen, pairs = 0;
     uint32_t blocks = 0;
-    while ((seen = block_fill(trace, &cursor, chunk->wobble, chunk->block))) {
+    while ((seen = block_fill(trace, &cursor, chunk->time, chunk->wobble, chunk->block))) {
         if (atomic_load(&trace->failed) || !chunk_meet_block(chunk, trace->memory))
             return false;
         pairs += seen * chunk->count;
@@ -170,19 +188,32 @@ static bool chunk_walk(struct ray_chunk *chunk, struct trace *trace)
     return true;
 }
 
-static void trace_chunk(void *context, size_t index)
+/* Traces rays of one time. */
+static bool trace_run(struct trace *trace, size_t begin, size_t end)
 {
-    struct trace *trace = context;
-    size_t begin, end;
-    parallel_chunk(index, trace->chunk, trace->ray_count, &begin, &end);
     struct ray_chunk chunk;
     bool done =
         chunk_init(&chunk, trace->rays + begin, (uint32_t)(end - begin), trace->memory) && chunk_walk(&chunk, trace);
     for (size_t i = begin; done && i < end; i++)
         done = oracle_pursuit_answer(&chunk.pursuits[i - begin], trace->memory, &trace->answers[i]);
     chunk_finish(&chunk, trace->memory);
-    if (!done)
-        atomic_store(&trace->failed, true);
+    return done;
+}
+
+static void trace_chunk(void *context, size_t index)
+{
+    struct trace *trace = context;
+    size_t begin, end, next;
+    parallel_chunk(index, trace->chunk, trace->ray_count, &begin, &end);
+    for (; begin < end; begin = next) {
+        next = trace->moves ? begin + 1 : end;
+        while (next < end && trace->rays[next].time == trace->rays[begin].time)
+            next++;
+        if (!trace_run(trace, begin, next)) {
+            atomic_store(&trace->failed, true);
+            return;
+        }
+    }
 }
 
 enum bvhd_status oracle_trace(const struct oracle_mesh *meshes, uint32_t mesh_count, const struct ray *rays,
@@ -194,6 +225,7 @@ enum bvhd_status oracle_trace(const struct oracle_mesh *meshes, uint32_t mesh_co
         .meshes = meshes, .mesh_count = mesh_count, .rays = rays, .ray_count = ray_count, .memory = memory};
     size_t share = ray_count / parallel->threads + 1;
     trace.chunk = share > MOST_RAYS ? MOST_RAYS : share < FEWEST_RAYS ? FEWEST_RAYS : share;
+    trace.moves = oracle_moves(meshes, mesh_count);
     trace.progress = progress;
     trace.progress_context = progress_context;
     trace.answers = ret_answers;

@@ -18,6 +18,13 @@
 
 enum oracle_shape { ORACLE_TRIANGLES, ORACLE_SPHERES, ORACLE_SWEPT_SPHERES, ORACLE_SHAPES };
 
+/* How the transform of a mesh moves between the times 0 and 1. */
+enum oracle_motion {
+    ORACLE_STILL,
+    ORACLE_MATRIX, /* each of the 12 numbers moves for itself */
+    ORACLE_SRT, /* `transform` and `end_transform` are the 16 numbers of VkSRTDataNV, each of which moves for itself */
+};
+
 /* Which ends of a linear swept sphere have a cap. */
 enum { ORACLE_CAP_FIRST = 1, ORACLE_CAP_SECOND = 2 };
 
@@ -25,6 +32,8 @@ enum { ORACLE_CAP_FIRST = 1, ORACLE_CAP_SECOND = 2 };
 struct oracle_mesh {
     enum oracle_shape shape; /* of all its primitives */
     const float *positions; /* xyz: corners of triangles, centres of spheres */
+    const float
+        *end_positions; /* of triangles: the same at time 1, while `positions` is at time 0; NULL: they stand still */
     /*
      * three vertices a triangle, one a sphere, two a swept sphere; NULL: they follow each other, so that triangle i is
      * vertices 3i .. 3i+2
@@ -34,6 +43,8 @@ struct oracle_mesh {
     const uint8_t *caps; /* of swept spheres: ORACLE_CAP_ bits of each; NULL: all have both */
     uint32_t primitive_count;
     const float *transform; /* row-major 3x4, object to world; NULL: none */
+    enum oracle_motion motion; /* of the transform */
+    const float *end_transform; /* at time 1, while `transform` is at time 0; NULL: it stands still */
     uint32_t instance, geometry; /* as traversal reports them */
 };
 
@@ -63,6 +74,9 @@ enum oracle_verdict { ORACLE_RIGHT, ORACLE_UNDECIDED, ORACLE_WRONG_MISS, ORACLE_
  * Primitives with a vertex or a radius that is not finite are never hit, nor are triangles with two equal corners and
  * round shapes whose radii are all 0. Thin triangles whose sides could change places within an ulp are never surely
  * hit. The answers are the same for any number of threads.
+ *
+ * Meshes that move are met as they are at the ray's time, which is in [0, 1]. Rays of one time should follow each other,
+ * because all primitives are read again when the time changes. Transforms that are singular at a time hit nothing then.
  *
  * progress(progress_context, done, total), which may be NULL, is called from any thread; it counts pairs of a ray and a
  * primitive.

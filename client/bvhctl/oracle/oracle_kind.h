@@ -6,11 +6,10 @@
 #ifndef BVHD_ORACLE_KIND_H
 #define BVHD_ORACLE_KIND_H
 
+#include "client/bvhctl/oracle/oracle_moment.h"
 #include "client/bvhctl/oracle/oracle_ray.h"
 #include "client/bvhctl/oracle/oracle_round.h"
 #include "client/bvhctl/oracle/oracle_triangle.h"
-
-struct oracle_mesh;
 
 /* A primitive in world space, of the kind that has fetched it. */
 union oracle_subject {
@@ -44,8 +43,11 @@ struct oracle_outline {
 };
 
 struct oracle_kind {
-    /* Reads a primitive of the mesh. Returns false for one that no ray can hit. */
-    bool (*fetch)(const struct oracle_mesh *mesh, uint32_t primitive, union oracle_subject *ret_subject);
+    /*
+     * Reads a primitive of the mesh as it is at a time. Returns false for one that no ray can hit then. The subject may
+     * refer to the moment.
+     */
+    bool (*fetch)(const struct oracle_moment *moment, uint32_t primitive, union oracle_subject *ret_subject);
     /* Makes a sphere that contains the primitive and all its moves. */
     void (*sphere)(const union oracle_subject *subject, double ret_centre[3], double *ret_radius);
     /*

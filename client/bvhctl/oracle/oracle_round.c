@@ -72,27 +72,12 @@ static struct radial length_of(const struct radial a[3])
 
 /* ---- making a body ---- */
 
-/* Inverts the first three columns of the matrix. Returns false if they may be singular. */
-static bool invert(const float *matrix, struct radial ret_inverse[3][3])
-{
-    struct radial rows[3][3], adjugate[3][3];
-    for (int k = 0; k < 9; k++)
-        rows[k / 3][k % 3] = radial_input(matrix[4 * (k / 3) + k % 3]);
-    for (int row = 0; row < 3; row++)
-        cross(rows[(row + 1) % 3], rows[(row + 2) % 3], adjugate[row]); /* column `row` of the adjugate */
-    struct radial det = dot(rows[0], adjugate[0]);
-    if (!radial_is_nonzero(det))
-        return false;
-    for (int k = 0; k < 9; k++)
-        ret_inverse[k / 3][k % 3] = radial_div(adjugate[k % 3][k / 3], det);
-    return true;
-}
-
-bool oracle_round_make(const struct oracle_mesh *mesh, uint32_t first, uint32_t second, unsigned caps,
+bool oracle_round_make(const struct oracle_moment *moment, uint32_t first, uint32_t second, unsigned caps,
                        struct oracle_round *ret_round)
 {
     const uint32_t vertices[2] = {first, second};
-    struct oracle_round round = {.matrix = mesh->transform};
+    const struct oracle_mesh *mesh = moment->mesh;
+    struct oracle_round round = {.moment = moment};
     for (int end = 0; end < 2; end++) {
         const float *centre = mesh->positions + (uint64_t)3 * vertices[end];
         float radius = mesh->radii[vertices[end]];
@@ -105,7 +90,6 @@ bool oracle_round_make(const struct oracle_mesh *mesh, uint32_t first, uint32_t 
     }
     if (round.radii[0].centre == 0 && round.radii[1].centre == 0)
         return false;
-    round.vague = round.matrix && !invert(round.matrix, round.inverse);
     *ret_round = round;
     return true;
 }
@@ -113,19 +97,19 @@ bool oracle_round_make(const struct oracle_mesh *mesh, uint32_t first, uint32_t 
 void oracle_round_sphere(const union oracle_subject *subject, double ret_centre[3], double *ret_radius)
 {
     const struct oracle_round *round = &subject->round;
+    const struct radial *matrix = round->moment->has_matrix ? round->moment->matrix : NULL;
     double stretch = 1, away[3], radius = fmax(upper(round->radii[0]), upper(round->radii[1]));
     struct radial world[2][3];
     for (int end = 0; end < 2; end++)
         for (int row = 0; row < 3; row++) {
-            const float *m = round->matrix ? round->matrix + 4 * row : NULL;
-            world[end][row] = m ? radial_input(m[3]) : round->centres[end][row];
+            const struct radial *m = matrix ? matrix + 4 * row : NULL;
+            world[end][row] = m ? m[3] : round->centres[end][row];
             for (int column = 0; m && column < 3; column++)
-                world[end][row] =
-                    radial_add(world[end][row], radial_mul(radial_input(m[column]), round->centres[end][column]));
+                world[end][row] = radial_add(world[end][row], radial_mul(m[column], round->centres[end][column]));
         }
-    for (int k = 0; round->matrix && k < 9; k++) {
-        double most = upper((struct radial){fabs(round->matrix[4 * (k / 3) + k % 3]),
-                                            radial_input(round->matrix[4 * (k / 3) + k % 3]).radius});
+    for (int k = 0; matrix && k < 9; k++) {
+        const struct radial *entry = &matrix[4 * (k / 3) + k % 3];
+        double most = fabs(entry->centre) + entry->radius;
         stretch = (k ? stretch : 0) + most * most;
     }
     for (int axis = 0; axis < 3; axis++) {
@@ -160,9 +144,10 @@ struct view {
 
 static void place(const struct oracle_ray *ray, const struct oracle_round *round, struct line *ret_line)
 {
+    const struct oracle_moment *moment = round->moment;
     struct radial from[3];
     for (int axis = 0; axis < 3; axis++) {
-        if (!round->matrix) {
+        if (!moment->has_matrix) {
             ret_line->origin[axis] = ray->from[axis];
             ret_line->direction[axis] = ray->along[axis];
             ret_line->origin_shared[axis] = ray->from[axis].radius;
@@ -170,11 +155,11 @@ static void place(const struct oracle_ray *ray, const struct oracle_round *round
             ret_line->origin_own[axis] = ret_line->direction_own[axis] = 0;
             continue;
         }
-        from[axis] = radial_sub(ray->from[axis], radial_input(round->matrix[4 * axis + 3]));
+        from[axis] = radial_sub(ray->from[axis], moment->matrix[4 * axis + 3]);
     }
-    for (int axis = 0; round->matrix && axis < 3; axis++) {
-        ret_line->origin[axis] = dot(round->inverse[axis], from);
-        ret_line->direction[axis] = dot(round->inverse[axis], ray->along);
+    for (int axis = 0; moment->has_matrix && axis < 3; axis++) {
+        ret_line->origin[axis] = dot(moment->inverse[axis], from);
+        ret_line->direction[axis] = dot(moment->inverse[axis], ray->along);
         ret_line->origin_own[axis] = ret_line->origin[axis].radius;
         ret_line->direction_own[axis] = ret_line->direction[axis].radius;
         ret_line->origin_shared[axis] = ret_line->direction_shared[axis] = 0;
@@ -540,7 +525,7 @@ enum oracle_presence oracle_round_meet(const struct oracle_ray *ray, const union
     enum oracle_presence presence = ORACLE_POSSIBLE;
     struct oracle_crossing crossing = {0, -INFINITY, INFINITY, 0};
     const struct view view = view_of(ray, &subject->round);
-    if (!subject->round.vague && view.turn < MOST_TURN) {
+    if (!subject->round.moment->vague && view.turn < MOST_TURN) {
         presence = presence_of_hull(&view);
         if (presence != ORACLE_ABSENT)
             presence = oracle_worse(presence, presence_of_surface(&view));

@@ -9,15 +9,13 @@
 #ifndef BVHD_ORACLE_ROUND_H
 #define BVHD_ORACLE_ROUND_H
 
-#include "client/bvhctl/oracle/oracle_radial.h"
+#include "client/bvhctl/oracle/oracle_moment.h"
 
 /* A round body in the space of its mesh, with the way from the world's space into that. */
 struct oracle_round {
     struct radial centres[2][3], radii[2];
     bool caps[2];
-    const float *matrix; /* row-major 3x4, to the world; NULL: none */
-    struct radial inverse[3][3]; /* of the matrix without its translation */
-    bool vague; /* moves of the matrix may make it singular, so that nothing is certain */
+    const struct oracle_moment *moment; /* that of its mesh, with the way to the world */
 };
 
 #endif

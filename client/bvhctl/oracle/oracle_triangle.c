@@ -10,51 +10,44 @@ static bool corners_equal(const float a[3], const float b[3])
 }
 
 /* Returns false for a triangle that no ray can hit. */
-static bool fetch_corners(const struct oracle_mesh *mesh, uint32_t triangle, const float *ret_corners[3])
+static bool fetch_corners(const struct oracle_moment *moment, uint32_t triangle, float ret_corners[3][3])
 {
+    const uint32_t *indices = moment->mesh->indices;
     for (int k = 0; k < 3; k++) {
         uint64_t at = (uint64_t)3 * triangle + k;
-        const float *corner = mesh->positions + (uint64_t)3 * (mesh->indices ? mesh->indices[at] : at);
+        float *corner = ret_corners[k];
+        oracle_moment_vertex(moment, indices ? indices[at] : at, corner);
         if (!isfinite(corner[0]) || !isfinite(corner[1]) || !isfinite(corner[2]))
             return false;
-        ret_corners[k] = corner;
     }
     return !corners_equal(ret_corners[0], ret_corners[1]) && !corners_equal(ret_corners[1], ret_corners[2]) &&
            !corners_equal(ret_corners[2], ret_corners[0]);
 }
 
-static void transform_corner(const float *matrix, const float corner[3], struct radial ret_world[3])
+static void transform_corner(const struct oracle_moment *moment, const float corner[3], struct radial ret_world[3])
 {
     for (int row = 0; row < 3; row++) {
-        if (!matrix) {
+        if (!moment->has_matrix) {
             ret_world[row] = radial_input(corner[row]);
             continue;
         }
-        struct radial sum = radial_input(matrix[4 * row + 3]);
+        const struct radial *entries = moment->matrix + 4 * row;
+        struct radial sum = entries[3];
         for (int column = 0; column < 3; column++)
-            sum = radial_add(sum, radial_mul(radial_input(matrix[4 * row + column]), radial_input(corner[column])));
+            sum = radial_add(sum, radial_mul(entries[column], radial_input(corner[column])));
         ret_world[row] = sum;
     }
 }
 
-static bool is_mirroring(const float *m)
+static bool fetch(const struct oracle_moment *moment, uint32_t primitive, union oracle_subject *ret_subject)
 {
-    if (!m)
+    float corners[3][3];
+    if (!fetch_corners(moment, primitive, corners))
         return false;
-    double x = (double)m[5] * m[10] - (double)m[6] * m[9];
-    double y = (double)m[6] * m[8] - (double)m[4] * m[10];
-    double z = (double)m[4] * m[9] - (double)m[5] * m[8];
-    return m[0] * x + m[1] * y + m[2] * z < 0;
-}
-
-static bool fetch(const struct oracle_mesh *mesh, uint32_t primitive, union oracle_subject *ret_subject)
-{
-    const float *corners[3];
-    if (!fetch_corners(mesh, primitive, corners))
-        return false;
-    ret_subject->triangle.mirrored = is_mirroring(mesh->transform);
+    ret_subject->triangle.mirrored = moment->mirrored;
+    ret_subject->triangle.vague = moment->vague;
     for (int k = 0; k < 3; k++)
-        transform_corner(mesh->transform, corners[k], ret_subject->triangle.corners[k]);
+        transform_corner(moment, corners[k], ret_subject->triangle.corners[k]);
     return true;
 }
 
@@ -236,6 +229,8 @@ static enum oracle_presence meet(const struct oracle_ray *ray, const union oracl
     meeting_z(&sheared, edges, det, &z, &low, &high);
     struct oracle_crossing crossing = crossing_of(ray, z, low, high);
     enum oracle_presence otherwise = oracle_worse(facing, oracle_crossing_between(&crossing, ray));
+    if (triangle->vague)
+        otherwise = oracle_worse(otherwise, ORACLE_POSSIBLE);
     if (otherwise == ORACLE_ABSENT)
         return ORACLE_ABSENT;
     if (oracle_worse(inside, otherwise) == ORACLE_POSSIBLE)

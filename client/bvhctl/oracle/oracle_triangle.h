@@ -14,6 +14,7 @@
 /* A triangle in world space. */
 struct oracle_triangle {
     struct radial corners[3][3];
+    bool vague; /* the transform moves, and may be singular: nothing is certain */
     bool mirrored; /* the transform has reversed its winding; facing is that of object space and does not change */
 };
 

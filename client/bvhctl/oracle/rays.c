@@ -5,7 +5,12 @@
 #include <math.h>
 #include <string.h>
 
-enum { PICKS = 64 }; /* random primitives that are tried before a search in order begins */
+#include "client/bvhctl/oracle/oracle_moment.h"
+
+enum {
+    PICKS = 64, /* random primitives that are tried before a search in order begins */
+    TIMES = 8, /* where something moves: rays have so many times, those of one time after the other */
+};
 
 /* The height, in ulps, from which on a triangle counts as more than a line. */
 #define RESOLVED 16
@@ -29,12 +34,14 @@ struct scene_box {
     double min[3], max[3];
 };
 
-static void transform_point(const float *matrix, const float point[3], double ret_world[3])
+static void transform_point(const struct oracle_moment *moment, const float point[3], double ret_world[3])
 {
-    for (int row = 0; row < 3; row++)
-        ret_world[row] = matrix ? (double)matrix[4 * row] * point[0] + (double)matrix[4 * row + 1] * point[1] +
-                                      (double)matrix[4 * row + 2] * point[2] + matrix[4 * row + 3]
-                                : point[row];
+    for (int row = 0; row < 3; row++) {
+        const struct radial *m = moment->matrix + 4 * row;
+        ret_world[row] = moment->has_matrix
+                             ? m[0].centre * point[0] + m[1].centre * point[1] + m[2].centre * point[2] + m[3].centre
+                             : point[row];
+    }
 }
 
 /*
@@ -98,12 +105,13 @@ static uint64_t vertex_of(const struct oracle_mesh *mesh, uint32_t primitive, ui
  * Makes corner k of a primitive's facet, before the transform. Two corners of a swept sphere are at the end with the
  * larger radius, and one at the other.
  */
-static void facet_corner(const struct oracle_mesh *mesh, uint32_t primitive, int k, float ret_corner[3])
+static void facet_corner(const struct oracle_moment *moment, uint32_t primitive, int k, float ret_corner[3])
 {
+    const struct oracle_mesh *mesh = moment->mesh;
     const uint32_t count = vertex_counts[mesh->shape];
     uint64_t at = vertex_of(mesh, primitive, (uint32_t)k % count);
     if (mesh->shape == ORACLE_TRIANGLES) {
-        memcpy(ret_corner, mesh->positions + 3 * at, 3 * sizeof *ret_corner);
+        oracle_moment_vertex(moment, at, ret_corner);
         return;
     }
     uint64_t other = vertex_of(mesh, primitive, count - 1 - (uint32_t)k % count);
@@ -116,78 +124,88 @@ static void facet_corner(const struct oracle_mesh *mesh, uint32_t primitive, int
  * Returns how far a round primitive can reach beyond its corners along a row of the transform. Its corners may be on
  * one side of a centre, by 0.4 radii.
  */
-static double margin_of(const struct oracle_mesh *mesh, uint32_t primitive, int row)
+static double margin_of(const struct oracle_moment *moment, uint32_t primitive, int row)
 {
-    const float *m = mesh->transform;
-    double stretch = m ? hypot(m[4 * row], hypot(m[4 * row + 1], m[4 * row + 2])) : 1, radius = 0;
+    const struct oracle_mesh *mesh = moment->mesh;
+    const struct radial *m = moment->matrix + 4 * row;
+    double stretch = moment->has_matrix ? hypot(m[0].centre, hypot(m[1].centre, m[2].centre)) : 1, radius = 0;
     for (uint32_t end = 0; end < vertex_counts[mesh->shape]; end++)
         radius = fmax(radius, mesh->radii[vertex_of(mesh, primitive, end)]);
     return 1.4 * stretch * radius;
 }
 
 /* Returns false for a primitive that cannot be hit. */
-static bool fetch_facet(const struct oracle_mesh *mesh, uint32_t primitive, struct facet *ret_facet)
+static bool fetch_facet(const struct oracle_moment *moment, uint32_t primitive, struct facet *ret_facet)
 {
     for (int k = 0; k < 3; k++) {
         double *world = ret_facet->corners[k];
         float corner[3];
-        facet_corner(mesh, primitive, k, corner);
-        transform_point(mesh->transform, corner, world);
+        facet_corner(moment, primitive, k, corner);
+        transform_point(moment, corner, world);
         if (!isfinite(world[0]) || !isfinite(world[1]) || !isfinite(world[2]))
             return false;
-        ret_facet->margin[k] = mesh->shape == ORACLE_TRIANGLES ? 0 : margin_of(mesh, primitive, k);
+        ret_facet->margin[k] = moment->mesh->shape == ORACLE_TRIANGLES ? 0 : margin_of(moment, primitive, k);
     }
     measure(ret_facet);
     return ret_facet->height > 0;
 }
 
-/* Returns false when no primitive can be hit. */
-static bool find_box(const struct oracle_mesh *meshes, uint32_t mesh_count, struct scene_box *ret_box)
+static void box_grow(struct scene_box *box, const struct facet *facet)
 {
-    struct scene_box box = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
-    for (uint32_t mesh = 0; mesh < mesh_count; mesh++)
-        for (uint32_t i = 0; i < meshes[mesh].primitive_count; i++) {
-            struct facet facet;
-            if (!fetch_facet(&meshes[mesh], i, &facet))
-                continue;
-            for (int k = 0; k < 9; k++) {
-                const double at = facet.corners[k / 3][k % 3], margin = facet.margin[k % 3];
-                box.min[k % 3] = fmin(box.min[k % 3], at - margin);
-                box.max[k % 3] = fmax(box.max[k % 3], at + margin);
-            }
-        }
-    if (!(box.min[0] <= box.max[0]))
-        return false;
-    *ret_box = box;
-    return true;
+    for (int k = 0; k < 9; k++) {
+        const double at = facet->corners[k / 3][k % 3], margin = facet->margin[k % 3];
+        box->min[k % 3] = fmin(box->min[k % 3], at - margin);
+        box->max[k % 3] = fmax(box->max[k % 3], at + margin);
+    }
 }
 
-static bool fetch_flat(const struct oracle_mesh *meshes, uint64_t index, struct facet *ret_facet)
+/* Returns false when no primitive can be hit at that time. */
+static bool find_box(const struct oracle_mesh *meshes, uint32_t mesh_count, float time, struct scene_box *ret_box)
 {
+    struct scene_box box = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
+    for (uint32_t mesh = 0; mesh < mesh_count; mesh++) {
+        struct oracle_moment moment;
+        if (!oracle_moment_make(&meshes[mesh], time, &moment))
+            continue;
+        for (uint32_t i = 0; i < meshes[mesh].primitive_count; i++) {
+            struct facet facet;
+            if (fetch_facet(&moment, i, &facet))
+                box_grow(&box, &facet);
+        }
+    }
+    const bool any = box.min[0] <= box.max[0];
+    *ret_box = any ? box : (struct scene_box){{-1, -1, -1}, {1, 1, 1}};
+    return any;
+}
+
+static bool fetch_flat(const struct oracle_mesh *meshes, uint64_t index, float time, struct facet *ret_facet)
+{
+    struct oracle_moment moment;
     while (index >= meshes->primitive_count)
         index -= (meshes++)->primitive_count;
-    return fetch_facet(meshes, (uint32_t)index, ret_facet);
+    return oracle_moment_make(meshes, time, &moment) && fetch_facet(&moment, (uint32_t)index, ret_facet);
 }
 
 /*
- * Picks a random primitive that can be hit; there must be one. It prefers one that floats can distinguish from a line,
+ * Picks a random primitive that can be hit at that time; there must be one. It prefers one that floats can distinguish from a line,
  * if a few random picks find one.
  */
-static void pick_facet(const struct oracle_mesh *meshes, uint64_t total, uint64_t *state, struct facet *ret_facet)
+static void pick_facet(const struct oracle_mesh *meshes, uint64_t total, float time, uint64_t *state,
+                       struct facet *ret_facet)
 {
     uint64_t index = 0;
     bool found = false;
     for (int pick = 0; pick < PICKS; pick++) {
         struct facet facet;
         index = rays_random(state) % total;
-        if (!fetch_flat(meshes, index, &facet))
+        if (!fetch_flat(meshes, index, time, &facet))
             continue;
         *ret_facet = facet;
         found = true;
         if (facet.height > RESOLVED * facet.ulp)
             return;
     }
-    while (!found && !fetch_flat(meshes, index, ret_facet))
+    while (!found && !fetch_flat(meshes, index, time, ret_facet))
         index = index + 1 < total ? index + 1 : 0;
 }
 
@@ -277,19 +295,33 @@ static void start_inside(struct ray *ray, const struct scene_box *box, uint64_t 
     set_direction(ray, direction);
 }
 
+/* Makes the time of a stretch of rays: both ends, the middle, and random ones. */
+static float time_of(uint64_t seed, uint32_t stretch)
+{
+    static const float certain[] = {0, 1, 0.5F};
+    uint64_t state = seed ^ (uint64_t)stretch << 32;
+    return stretch < sizeof certain / sizeof certain[0] ? certain[stretch] : (float)rays_uniform(&state);
+}
+
 void rays_make(const struct oracle_mesh *meshes, uint32_t mesh_count, uint64_t seed, uint32_t count,
                struct ray *ret_rays)
 {
     uint64_t state = seed, total = 0;
     for (uint32_t mesh = 0; mesh < mesh_count; mesh++)
         total += meshes[mesh].primitive_count;
-    struct scene_box box = {{-1, -1, -1}, {1, 1, 1}};
-    bool any = find_box(meshes, mesh_count, &box);
+    const bool moves = oracle_moves(meshes, mesh_count);
+    struct scene_box box;
+    bool any = false;
+    float time = -1;
     for (uint32_t i = 0; i < count; i++) {
-        ret_rays[i] = (struct ray){.tmin = 0, .tmax = FLT_MAX, .cull_mask = 0xff};
+        const float next = moves ? time_of(seed, (uint32_t)((uint64_t)i * TIMES / count)) : 0;
+        if (next != time)
+            any = find_box(meshes, mesh_count, next, &box);
+        time = next;
+        ret_rays[i] = (struct ray){.tmin = 0, .tmax = FLT_MAX, .cull_mask = 0xff, .time = time};
         if (any && i % 2 == 0) {
             struct facet facet;
-            pick_facet(meshes, total, &state, &facet);
+            pick_facet(meshes, total, time, &state, &facet);
             aim(&ret_rays[i], &box, &facet, &state);
         } else {
             start_inside(&ret_rays[i], &box, &state);

@@ -13,6 +13,9 @@
  * random points of the box, slightly enlarged, in random directions. All directions are unit vectors, tmin is 0, tmax
  * is FLT_MAX, the mask is 0xff, and the flags are 0. The function works at any magnitude that floats have, and for
  * scenes without any usable triangle.
+ *
+ * Where something moves, rays come in eight stretches of one time each: 0, 1, 1/2 and five others. Points and boxes are
+ * those of the ray's time. Elsewhere the time is 0.
  */
 void rays_make(const struct oracle_mesh *meshes, uint32_t mesh_count, uint64_t seed, uint32_t count,
                struct ray *ret_rays);

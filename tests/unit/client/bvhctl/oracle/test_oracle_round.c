@@ -97,7 +97,8 @@ static bool oracle_view(const struct specimen *s, union oracle_subject *ret_subj
                                      .caps = &s->caps,
                                      .primitive_count = 1,
                                      .transform = s->transformed ? s->matrix : NULL};
-    return kind_of(s)->fetch(&mesh, 0, ret_subject);
+    static struct oracle_moment moment; /* of one subject at a time */
+    return oracle_moment_make(&mesh, 0, &moment) && kind_of(s)->fetch(&moment, 0, ret_subject);
 }
 
 /* Moves all inputs, and transforms the ray into the space of the body. */

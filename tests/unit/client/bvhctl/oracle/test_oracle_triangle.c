@@ -54,8 +54,10 @@ static union oracle_subject oracle_view(const struct specimen *s)
 {
     const struct oracle_mesh mesh = {
         .positions = s->corners[0], .primitive_count = 1, .transform = s->transformed ? s->matrix : NULL};
+    struct oracle_moment moment;
     union oracle_subject subject;
-    assert_true(oracle_triangles.fetch(&mesh, 0, &subject));
+    assert_true(oracle_moment_make(&mesh, 0, &moment));
+    assert_true(oracle_triangles.fetch(&moment, 0, &subject));
     return subject;
 }
 
