@@ -9,7 +9,7 @@
 struct BvhdRay {
     vec4 origin; // w: tmin
     vec4 direction; // w: tmax
-    uvec4 flags; // ray flags, cull mask, and two words that are not read
+    uvec4 flags; // ray flags, cull mask, the bits of the time, and a word that is not read
 };
 
 struct BvhdHit {

@@ -27,6 +27,15 @@
  * too. A shader that is never given a structure of these kinds may define BVHD_NOTHING_ROUND, and saves a comparison
  * for each structure that a ray enters.
  *
+ * With BVHD_MOTION defined, motion triangles and motion instances can be hit, too, by queries that begin with
+ *
+ *     bvhdRayQueryInitializeMotion(query, root, flags, cullMask, origin, tmin, direction, tmax, time);
+ *
+ * where `time` is between 0 and 1. At any other time everything that moves is missed. bvhdRayQueryInitialize stands
+ * for time 0. Without BVHD_MOTION rays pass through structures that move as if they were empty. BVHD_ROUND and
+ * BVHD_MOTION are independent of each other, and BVHD_NOTHING_ROUND also says that nothing moves unless BVHD_MOTION is
+ * defined.
+ *
  * The semantics are Vulkan's: opaque triangles are committed without a candidate, other triangles and AABBs are
  * candidates; triangles are hit for tmin < t < tmax, AABBs for tmin <= t <= tmax; facing is decided in object space.
  * Spheres and linear swept spheres are hit as triangles are, where the ray enters them from outside; facing has no
@@ -52,40 +61,14 @@
 #ifdef BVHD_ROUND
 #include "bvhd_round.glsl"
 #endif
+#ifdef BVHD_MOTION
+#include "bvhd_motion.glsl"
+#endif
+#include "bvhd_ray_query_names.glsl"
 
 #ifndef BVHD_QUERIES
 #define BVHD_QUERIES 1
 #endif
-
-// Ray flags, with the values of gl_RayFlags...EXT.
-const uint BVHD_RAY_FLAGS_NONE = 0x0u;
-const uint BVHD_RAY_FLAGS_OPAQUE = 0x1u;
-const uint BVHD_RAY_FLAGS_NO_OPAQUE = 0x2u;
-const uint BVHD_RAY_FLAGS_TERMINATE_ON_FIRST_HIT = 0x4u;
-const uint BVHD_RAY_FLAGS_CULL_BACK_FACING = 0x10u;
-const uint BVHD_RAY_FLAGS_CULL_FRONT_FACING = 0x20u;
-const uint BVHD_RAY_FLAGS_CULL_OPAQUE = 0x40u;
-const uint BVHD_RAY_FLAGS_CULL_NO_OPAQUE = 0x80u;
-const uint BVHD_RAY_FLAGS_SKIP_TRIANGLES = 0x100u;
-const uint BVHD_RAY_FLAGS_SKIP_AABBS = 0x200u;
-
-const uint BVHD_CANDIDATE_TRIANGLE = 0u;
-const uint BVHD_CANDIDATE_AABB = 1u;
-const uint BVHD_CANDIDATE_SPHERE = 2u;
-const uint BVHD_CANDIDATE_SWEPT_SPHERE = 3u;
-const uint BVHD_COMMITTED_NONE = 0u;
-const uint BVHD_COMMITTED_TRIANGLE = 1u;
-const uint BVHD_COMMITTED_GENERATED = 2u;
-const uint BVHD_COMMITTED_SPHERE = 3u;
-const uint BVHD_COMMITTED_SWEPT_SPHERE = 4u;
-
-const uint BVHD_NO_INSTANCE = 0xffffffffu; // there is no top level
-
-// VkGeometryInstanceFlagsKHR.
-const uint BVHD_INSTANCE_CULL_DISABLE = 0x1u;
-const uint BVHD_INSTANCE_FLIP_FACING = 0x2u;
-const uint BVHD_INSTANCE_FORCE_OPAQUE = 0x4u;
-const uint BVHD_INSTANCE_FORCE_NO_OPAQUE = 0x8u;
 
 // At most one group for each level of nodes, 32 levels in each structure, and two groups saved at an instance.
 const int BVHD_STACK_SIZE = 66;
@@ -104,6 +87,9 @@ struct BvhdIntersection {
 struct BvhdRayQuery {
     vec3 origin, direction;
     float tmin, tmax;
+#ifdef BVHD_MOTION
+    float time;
+#endif
     uint flags, cullMask;
     uvec2 root;
     BvhdIntersection committed, candidate;
@@ -142,13 +128,19 @@ uvec2 bvhdPop(inout BvhdRayQuery query)
 bool bvhdEnter(inout BvhdRayQuery query, uvec2 location)
 {
     BvhdExtent extent;
-    query.body = bvhdBodyOpen(location, extent);
+    query.body = BVHD_BODY_SEEN(query, location, extent);
     BvhdTriangleRay ray = query.triangleRay;
     bool canHit = bvhdBoxRayInit(ray.origin, ray.originLow, ray.direction, query.tmin, extent, query.boxRay);
 #ifdef BVHD_ROUND
     canHit = canHit && query.body.content <= BVHD_CONTENT_SWEPT_SPHERES;
 #elif !defined BVHD_NOTHING_ROUND
     canHit = canHit && query.body.content <= BVHD_CONTENT_INSTANCES;
+#endif
+#ifdef BVHD_MOTION
+    if (query.body.moves) {
+        bvhdWidenForMotion(query.boxRay, extent);
+        canHit = canHit && query.time >= 0.0 && query.time <= 1.0;
+    }
 #endif
     query.levelBottom = query.top;
     query.nodes = uvec2(0u, canHit ? 0x01000001u : 0u);
@@ -176,13 +168,18 @@ float bvhdResidual(vec2 sum, vec3 row, vec3 x)
 
 /*
  * Transforms the ray to an instance's object space, as pairs. The stored inverse is rounded to float, which is not
- * accurate enough at shared edges: its result is corrected by the residual with the instance's own matrix.
+ * accurate enough at shared edges: its result is corrected by the residual with the instance's own matrix. Where there
+ * is no inverse, it is 0, and so is the direction, so that nothing is hit.
  */
 void bvhdToObject(inout BvhdTriangleRay ray, BvhdBody top, uint record)
 {
     vec4 m0, m1, m2, i0, i1, i2;
+#ifdef BVHD_MOTION
+    bvhdMatrices(top, record, m0, m1, m2, i0, i1, i2);
+#else
     bvhdMatrix(top, record, 0u, m0, m1, m2);
     bvhdMatrix(top, record, 3u, i0, i1, i2);
+#endif
     mat3 inverse = mat3(i0.xyz, i1.xyz, i2.xyz); // its columns are the rows
     vec2 x = bvhdSum(ray.origin.x, -m0.w), y = bvhdSum(ray.origin.y, -m1.w), z = bvhdSum(ray.origin.z, -m2.w);
     vec3 guess = vec3(x.x, y.x, z.x) * inverse;
@@ -382,10 +379,14 @@ void bvhdVisitNode(inout BvhdRayQuery query)
     if (query.nodes.y >= 0x01000000u)
         bvhdPush(query, query.nodes);
 
-    uint row = query.body.nodes + 5u * child;
+    uint row = query.body.nodes + BVHD_NODE_ROWS(query.body) * child;
     uvec4 head = bvhdRow(query.body.base, row), meta = bvhdRow(query.body.base, row + 1u);
+#ifdef BVHD_MOTION
+    uint hits = bvhdAnyNodeHits(query.boxRay, query.far, query.body, row, head, meta);
+#else
     uint hits = bvhdNodeHits(query.boxRay, query.far, head, meta, bvhdRow(query.body.base, row + 2u),
                              bvhdRow(query.body.base, row + 3u), bvhdRow(query.body.base, row + 4u));
+#endif
     query.nodes = uvec2(meta.x, hits & 0xff000000u | head.w >> 24);
     query.records = uvec2(meta.y, hits & 0x00ffffffu);
 }
@@ -395,7 +396,7 @@ void bvhdVisitNode(inout BvhdRayQuery query)
 BvhdBody bvhdTopOf(BvhdRayQuery query)
 {
     BvhdExtent unused;
-    return bvhdBodyOpen(query.root, unused);
+    return BVHD_BODY_SEEN(query, query.root, unused);
 }
 
 // The instance of an intersection. There must be a top level.
@@ -410,7 +411,7 @@ BvhdBody bvhdBodyOf(BvhdRayQuery query, BvhdIntersection intersection)
     uvec2 location = query.root;
     if (intersection.instance != BVHD_NO_INSTANCE)
         location = bvhdInstanceOf(query, intersection).bottom;
-    return bvhdBodyOpen(location, unused);
+    return BVHD_BODY_SEEN(query, location, unused);
 }
 
 // The ray in the object space of an intersection.
@@ -499,9 +500,17 @@ bool bvhdDecide(inout BvhdRayQuery query)
 
 /* ---- The life of a query ---- */
 
+#ifdef BVHD_MOTION
+void bvhdRayQueryInitializeMotionAt(out BvhdRayQuery query, int number, uvec2 root, uint flags, uint cullMask,
+                                    vec3 origin, float tmin, vec3 direction, float tmax, float time)
+#else
 void bvhdRayQueryInitializeAt(out BvhdRayQuery query, int number, uvec2 root, uint flags, uint cullMask, vec3 origin,
                               float tmin, vec3 direction, float tmax)
+#endif
 {
+#ifdef BVHD_MOTION
+    query.time = time;
+#endif
     query.origin = origin;
     query.direction = direction;
     query.tmin = tmin;
@@ -521,6 +530,20 @@ void bvhdRayQueryInitializeAt(out BvhdRayQuery query, int number, uvec2 root, ui
                                                          false;
     query.isDone = !(tmin <= tmax) || isSkipped;
 }
+
+#ifdef BVHD_MOTION
+void bvhdRayQueryInitializeAt(out BvhdRayQuery query, int number, uvec2 root, uint flags, uint cullMask, vec3 origin,
+                              float tmin, vec3 direction, float tmax)
+{
+    bvhdRayQueryInitializeMotionAt(query, number, root, flags, cullMask, origin, tmin, direction, tmax, 0.0);
+}
+
+void bvhdRayQueryInitializeMotion(out BvhdRayQuery query, uvec2 root, uint flags, uint cullMask, vec3 origin,
+                                  float tmin, vec3 direction, float tmax, float time)
+{
+    bvhdRayQueryInitializeMotionAt(query, 0, root, flags, cullMask, origin, tmin, direction, tmax, time);
+}
+#endif
 
 void bvhdRayQueryInitialize(out BvhdRayQuery query, uvec2 root, uint flags, uint cullMask, vec3 origin, float tmin,
                             vec3 direction, float tmax)

@@ -60,7 +60,7 @@ uint bvhdRayQueryGetIntersectionPrimitiveIndex(BvhdRayQuery query, bool committe
     return bvhdPrimitiveOf(query, committed).y;
 }
 
-// The exact corners of a triangle, in object space.
+// The exact corners of a triangle, in object space; of a motion triangle, those at the ray's time.
 void bvhdRayQueryGetIntersectionTriangleVertexPositions(BvhdRayQuery query, bool committed, out vec3 positions[3])
 {
     BvhdIntersection intersection = bvhdIntersection(query, committed);
@@ -128,14 +128,22 @@ uint bvhdRayQueryGetIntersectionInstanceShaderBindingTableRecordOffset(BvhdRayQu
     return bvhdInstanceOf(query, intersection).sbtOffset;
 }
 
-// A matrix of four columns, as GL_EXT_ray_query has them; the identity without a top level.
+// A matrix of four columns, as GL_EXT_ray_query has them; of a motion instance, that of the ray's time; the identity
+// without a top level.
 mat4x3 bvhdMatrixOf(BvhdRayQuery query, bool committed, uint first)
 {
     BvhdIntersection intersection = bvhdIntersection(query, committed);
     if (intersection.instance == BVHD_NO_INSTANCE)
         return mat4x3(1.0);
     vec4 x, y, z;
+#ifdef BVHD_MOTION
+    vec4 m0, m1, m2;
+    bvhdMatrices(bvhdTopOf(query), intersection.instance, m0, m1, m2, x, y, z);
+    if (first == 0u)
+        return transpose(mat3x4(m0, m1, m2));
+#else
     bvhdMatrix(bvhdTopOf(query), intersection.instance, first, x, y, z);
+#endif
     return transpose(mat3x4(x, y, z));
 }
 
@@ -158,6 +166,13 @@ vec3 bvhdRayQueryGetIntersectionObjectRayDirection(BvhdRayQuery query, bool comm
 {
     return bvhdRayOf(query, bvhdIntersection(query, committed)).direction;
 }
+
+#ifdef BVHD_MOTION
+float bvhdRayQueryGetRayTime(BvhdRayQuery query)
+{
+    return query.time;
+}
+#endif
 
 float bvhdRayQueryGetRayTMin(BvhdRayQuery query)
 {

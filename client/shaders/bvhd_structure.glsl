@@ -29,11 +29,22 @@ const uint BVHD_CONTENT_AABBS = 2u;
 const uint BVHD_CONTENT_INSTANCES = 3u;
 const uint BVHD_CONTENT_SPHERES = 4u;
 const uint BVHD_CONTENT_SWEPT_SPHERES = 5u;
+const uint BVHD_CONTENT_MOVING_TRIANGLES = 6u;
+const uint BVHD_CONTENT_MOVING_INSTANCES = 7u;
 
 const uvec2 BVHD_NO_LOCATION = uvec2(0xffffffffu);
 
 const uint BVHD_ID_MASK = 0x1fffffffu; // the bits of a record's id that are the flat primitive index
 const uint BVHD_ID_OPAQUE = 0x80000000u;
+
+// How many rows a node of a body has, and the body at a location as a query sees it, at its time.
+#ifdef BVHD_MOTION
+#define BVHD_NODE_ROWS(body) (body.moves ? 8u : 5u)
+#define BVHD_BODY_SEEN(query, location, extent) bvhdBodyAtTime(location, query.time, extent)
+#else
+#define BVHD_NODE_ROWS(body) 5u
+#define BVHD_BODY_SEEN(query, location, extent) bvhdBodyOpen(location, extent)
+#endif
 
 // Rows have 16 bytes. Sections are given in rows, from `base` (addresses) or from the buffer's start.
 #ifdef BVHD_BUFFER_ADDRESS
@@ -78,6 +89,14 @@ struct BvhdBody {
     uint nodes; // rows
     uint records; // rows
     uint vertices; // words
+#ifdef BVHD_MOTION
+    /*
+     * Of a structure that moves, `content` is that of its kind that does not: indexed triangles or instances. The
+     * functions below show it as it is at `time`.
+     */
+    bool moves;
+    float time;
+#endif
 };
 
 // The fields that are used only when a ray enters the structure.
@@ -120,11 +139,50 @@ BvhdBody bvhdBodyOpen(uvec2 location, out BvhdExtent extent)
     extent.lowest = uintBitsToFloat(bounds.xyz);
     extent.highest = uintBitsToFloat(uvec3(bounds.w, counts.xy));
     extent.isEmpty = counts.w == 0u;
+#ifdef BVHD_MOTION
+    body.moves = body.content >= BVHD_CONTENT_MOVING_TRIANGLES;
+    body.time = 0.0;
+    if (body.moves)
+        body.content =
+            body.content == BVHD_CONTENT_MOVING_TRIANGLES ? BVHD_CONTENT_INDEXED_TRIANGLES : BVHD_CONTENT_INSTANCES;
+#endif
     return body;
 }
 
+#ifdef BVHD_MOTION
+BvhdBody bvhdBodyAtTime(uvec2 location, float time, out BvhdExtent extent)
+{
+    BvhdBody body = bvhdBodyOpen(location, extent);
+    body.time = time;
+    return body;
+}
+
+// Numbers between those at t = 0 and at t = 1. Each operation is rounded once, so that all who compute them agree.
+vec4 bvhdAtTime(vec4 start, vec4 end, float time)
+{
+    precise float rest = 1.0 - time;
+    precise vec4 first = start * rest;
+    precise vec4 second = end * time;
+    precise vec4 sum = first + second;
+    return sum;
+}
+
+// The vertex of motion triangles at the body's time. A vertex has two places.
+vec3 bvhdMovingVertex(BvhdBody body, uint vertex)
+{
+    uint word = body.vertices + 6u * vertex;
+    uvec3 start = uvec3(bvhdWord(body.base, word), bvhdWord(body.base, word + 1u), bvhdWord(body.base, word + 2u));
+    uvec3 end = uvec3(bvhdWord(body.base, word + 3u), bvhdWord(body.base, word + 4u), bvhdWord(body.base, word + 5u));
+    return bvhdAtTime(vec4(uintBitsToFloat(start), 0.0), vec4(uintBitsToFloat(end), 0.0), body.time).xyz;
+}
+#endif
+
 vec3 bvhdVertex(BvhdBody body, uint vertex)
 {
+#ifdef BVHD_MOTION
+    if (body.moves)
+        return bvhdMovingVertex(body, vertex);
+#endif
     uint word = body.vertices + 3u * vertex;
     return uintBitsToFloat(
         uvec3(bvhdWord(body.base, word), bvhdWord(body.base, word + 1u), bvhdWord(body.base, word + 2u)));
@@ -199,19 +257,30 @@ struct BvhdInstance {
 
 BvhdInstance bvhdInstance(BvhdBody top, uint record)
 {
+#ifdef BVHD_MOTION
+    uint row = top.records + (top.moves ? 10u : 8u) * record;
+    uvec4 words = bvhdRow(top.base, top.moves ? row : row + 6u);
+    words = top.moves ? words.yzwx : words;
+#else
     uint row = top.records + 8u * record;
     uvec4 words = bvhdRow(top.base, row + 6u);
+#endif
     BvhdInstance instance;
     instance.customIndex = words.x & 0xffffffu;
     instance.mask = words.x >> 24;
     instance.sbtOffset = words.y & 0xffffffu;
     instance.flags = words.y >> 24;
     instance.index = words.z;
+#ifdef BVHD_MOTION
+    instance.bottom = top.moves ? bvhdRow(top.base, row + 1u).zw : bvhdRow(top.base, row + 7u).xy;
+#else
     instance.bottom = bvhdRow(top.base, row + 7u).xy;
+#endif
     return instance;
 }
 
-// A row-major 3x4 matrix as three rows: object to world (first = 0), or world to object (first = 3).
+// A row-major 3x4 matrix as three rows: object to world (first = 0), or world to object (first = 3). Motion instances
+// have no such rows: bvhd_motion.glsl computes their matrices.
 void bvhdMatrix(BvhdBody top, uint record, uint first, out vec4 x, out vec4 y, out vec4 z)
 {
     uint row = top.records + 8u * record + first;

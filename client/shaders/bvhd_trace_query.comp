@@ -5,7 +5,7 @@
  *
  * Variants: with BVHD_BUFFER_ADDRESS the scene is found by address, without it the scene is binding 2. With FALLBACK
  * only the rays that bvhd_trace_closest.comp has left are traced. With BVHD_ROUND the scene may have spheres and linear
- * swept spheres.
+ * swept spheres, and with BVHD_MOTION it may move.
  */
 #version 450
 #extension GL_GOOGLE_include_directive : require
@@ -74,8 +74,13 @@ void trace(uint index)
 {
     BvhdRay ray = rays[index];
     BvhdRayQuery query;
+#ifdef BVHD_MOTION
+    bvhdRayQueryInitializeMotion(query, extra, ray.flags.x | ray_flags, ray.flags.y & 0xffu, ray.origin.xyz,
+                                 ray.origin.w, ray.direction.xyz, ray.direction.w, uintBitsToFloat(ray.flags.z));
+#else
     bvhdRayQueryInitialize(query, extra, ray.flags.x | ray_flags, ray.flags.y & 0xffu, ray.origin.xyz, ray.origin.w,
                            ray.direction.xyz, ray.direction.w);
+#endif
     while (bvhdRayQueryProceed(query))
         if (IS_BUILT_IN(bvhdRayQueryGetIntersectionType(query, false)))
             bvhdRayQueryConfirmIntersection(query);

@@ -6,11 +6,31 @@
 
 #include "builder/format/lavapipe.h"
 #include "builder/format/portable.h"
+#include "builder/format/record_kind.h"
 
-/* Where a location, that of the instance's bottom level, is stored in an instance record. */
-enum { LOCATION = offsetof(struct portable_instance, reserved) };
-_Static_assert(LOCATION % 8 == 0 && PORTABLE_BODY_ALIGNMENT % 8 == 0,
+/*
+ * Where an instance's handle is in the records of a top level, and where the location of its bottom level is stored.
+ * Motion instances have room for a location at a multiple of 8 after their first reserved word.
+ */
+enum {
+    LOCATION = offsetof(struct portable_instance, reserved),
+    MOVING_LOCATION = offsetof(struct portable_moving_instance, reserved) + sizeof(uint32_t),
+};
+_Static_assert(LOCATION % 8 == 0 && MOVING_LOCATION % 8 == 0 && PORTABLE_BODY_ALIGNMENT % 8 == 0,
                "a location lies on one side of a cut between portions");
+_Static_assert(sizeof(struct portable_instance) % 8 == 0 && sizeof(struct portable_moving_instance) % 8 == 0, "so too");
+
+static const struct vulkan_records instance_records = {
+    .size = sizeof(struct portable_instance),
+    .handle = offsetof(struct portable_instance, handle),
+    .location = LOCATION,
+};
+
+static const struct vulkan_records moving_records = {
+    .size = sizeof(struct portable_moving_instance),
+    .handle = offsetof(struct portable_moving_instance, handle),
+    .location = MOVING_LOCATION,
+};
 
 static enum bvhd_status read_portable(struct vulkan_blob *blob, struct bvhd_error *error)
 {
@@ -28,13 +48,14 @@ static enum bvhd_status read_portable(struct vulkan_blob *blob, struct bvhd_erro
         return bvhd_error_set(error, BVHD_CORRUPT, "header.deserializedSize", "not the size of the body");
     blob->target = BVHD_TARGET_PORTABLE;
     blob->type = VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR;
-    if (header.content != PORTABLE_INSTANCES)
+    if (!record_kind_is_top(header.content))
         return BVHD_OK;
     blob->type = VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR;
     blob->record_offset = header.record_offset;
     blob->record_count = header.record_count;
+    blob->records = header.content == PORTABLE_MOVING_INSTANCES ? &moving_records : &instance_records;
     if (header.record_offset % 16 != 0 ||
-        !bytes_reach(blob->body.size, header.record_offset, sizeof(struct portable_instance), header.record_count, 0))
+        !bytes_reach(blob->body.size, header.record_offset, blob->records->size, header.record_count, 0))
         return bvhd_error_set(error, BVHD_CORRUPT, "body.recordOffset", "records are misplaced");
     return BVHD_OK;
 }
@@ -160,14 +181,15 @@ enum bvhd_status vulkan_blob_fill_portable(const struct vulkan_blob *blob, const
                                            uint64_t end, unsigned char *dest, struct bvhd_error *error)
 {
     memcpy(dest, blob->body.data + begin, end - begin);
-    uint64_t first = begin > blob->record_offset ? (begin - blob->record_offset) / sizeof(struct portable_instance) : 0;
+    const struct vulkan_records *records = blob->records;
+    uint64_t first = records && begin > blob->record_offset ? (begin - blob->record_offset) / records->size : 0;
     for (uint64_t i = first; i < blob->record_count; i++) {
-        uint64_t record = blob->record_offset + i * sizeof(struct portable_instance), at = record + LOCATION;
+        uint64_t record = blob->record_offset + i * records->size, at = record + records->location;
         if (at >= end)
             break;
         if (at < begin)
             continue;
-        uint32_t handle = bytes_get32(blob->body.data + record + offsetof(struct portable_instance, handle));
+        uint32_t handle = bytes_get32(blob->body.data + record + records->handle);
         if (handle >= blob->header.handle_count)
             return bvhd_error_set(error, BVHD_CORRUPT, "records", "an instance without a handle");
         bytes_put64(dest + (at - begin), references[vulkan_blob_handle(blob, handle) - 1]);

@@ -15,6 +15,11 @@
 #include "builder/format/serialized.h"
 #include "client/vulkan/vulkan_device.h"
 
+/* The records of a top level: their size, and where in each of them a loader reads and writes. All in bytes. */
+struct vulkan_records {
+    uint64_t size, handle, location;
+};
+
 /* A serialized structure whose header has been read. It points to the program's bytes. */
 struct vulkan_blob {
     struct bytes bytes;
@@ -25,6 +30,7 @@ struct vulkan_blob {
     struct bytes body; /* the deserialized_size bytes that are stored on the device */
     uint64_t record_offset; /* portable: offset of the instance records in the body */
     uint32_t record_count; /* portable, top level */
+    const struct vulkan_records *records; /* portable, top level; else NULL */
 };
 
 /*

@@ -5,7 +5,7 @@
 #include <stddef.h>
 #include <string.h>
 
-#include "builder/format/portable.h"
+#include "builder/format/record_kind.h"
 #include "builder/format/serialized.h"
 
 static const unsigned char *body_of(struct bytes blob)
@@ -28,9 +28,10 @@ static bool has_large_steps(const unsigned char *body, const struct portable_hea
         if (coordinate > largest)
             largest = coordinate;
     }
+    const uint64_t node_size = record_kind_of(header->content)->node_size;
     for (uint32_t i = 0; i < header->node_count; i++) {
         const uint8_t *exponents =
-            body + header->node_offset + i * sizeof(struct portable_node) + offsetof(struct portable_node, exponent);
+            body + header->node_offset + i * node_size + offsetof(struct portable_node, exponent);
         for (int axis = 0; axis < 3; axis++)
             exponent = exponents[axis] > exponent ? exponents[axis] : exponent;
     }

@@ -24,6 +24,8 @@
 #include "client/shaders/trace_fallback_address.h"
 #include "client/shaders/trace_query.h"
 #include "client/shaders/trace_query_address.h"
+#include "client/shaders/trace_query_motion.h"
+#include "client/shaders/trace_query_motion_address.h"
 #include "client/shaders/trace_query_round.h"
 #include "client/shaders/trace_query_round_address.h"
 #include "client/shaders/trace_resolve.h"
@@ -63,17 +65,21 @@ enum {
     CONSTANTS
 };
 
-/* Contents that the kernels for closest triangles do not know, and those that only KERNEL_QUERY_ROUND knows. */
+/*
+ * Contents that the kernels for closest triangles do not know. Among them are those that only KERNEL_QUERY_MOTION
+ * knows, and those that only it and KERNEL_QUERY_ROUND know.
+ */
 enum {
+    MOVING_KINDS = 1 << PORTABLE_MOVING_TRIANGLES | 1 << PORTABLE_MOVING_INSTANCES,
     ROUND_KINDS = 1 << PORTABLE_SPHERES | 1 << PORTABLE_SWEPT_SPHERES,
-    OTHER_KINDS = ROUND_KINDS | 1 << PORTABLE_AABBS,
+    OTHER_KINDS = MOVING_KINDS | ROUND_KINDS | 1 << PORTABLE_AABBS,
 };
 
 static const uint32_t any_content = UINT32_MAX; /* bottom levels hold different kinds of triangles */
 
 /* ---- kernels ---- */
 
-/* They differ by what is traced: one structure, one of many small triangles, a top level, spheres among others. */
+/* They differ by what is traced: one structure, one of many small triangles, a top level, spheres, what moves. */
 enum kernel {
     KERNEL_COHERENT,
     KERNEL_COHERENT_FINE,
@@ -84,6 +90,7 @@ enum kernel {
     KERNEL_FALLBACK,
     KERNEL_QUERY,
     KERNEL_QUERY_ROUND,
+    KERNEL_QUERY_MOTION,
     KERNELS
 };
 /* Each is better than those before it, where a device has what it needs. */
@@ -114,6 +121,9 @@ static const struct code {
     [KERNEL_QUERY_ROUND] = {{CODE(trace_query_round)},
                             {CODE(trace_query_round_address)},
                             {CODE(trace_query_round_address)}},
+    [KERNEL_QUERY_MOTION] = {{CODE(trace_query_motion)},
+                             {CODE(trace_query_motion_address)},
+                             {CODE(trace_query_motion_address)}},
 };
 
 /* The arguments that all kernels of a tracer are compiled with. */
@@ -199,6 +209,13 @@ static uint32_t content_of(const struct vulkan_contents *contents)
                                                          : any_content;
 }
 
+static enum kernel query_of(const struct vulkan_contents *contents)
+{
+    return contents->kinds & MOVING_KINDS  ? KERNEL_QUERY_MOTION
+           : contents->kinds & ROUND_KINDS ? KERNEL_QUERY_ROUND
+                                           : KERNEL_QUERY;
+}
+
 static enum variant variant_of(const struct vulkan_trace_scene *scene, const struct vulkan_trace_traits *traits)
 {
     return !scene->base                                          ? VARIANT_BINDING
@@ -225,8 +242,7 @@ static enum bvhd_status make_kernels(struct bvhd_tracer *tracer, const struct vu
     };
     tracer->has_closest =
         !(scene->contents.kinds & OTHER_KINDS) && scene->size <= max_closest_bytes && traits->has_ballots;
-    enum bvhd_status status =
-        make_query(&making, scene->contents.kinds & ROUND_KINDS ? KERNEL_QUERY_ROUND : KERNEL_QUERY, &tracer->query);
+    enum bvhd_status status = make_query(&making, query_of(&scene->contents), &tracer->query);
     if (status != BVHD_OK || !tracer->has_closest)
         return status;
     status = make_pipeline(&making, KERNEL_RESOLVE, making.constants, &tracer->resolve);

@@ -13,8 +13,11 @@ static inline void device_rays_put(const struct ray *rays, uint32_t count, struc
 {
     for (uint32_t i = 0; i < count; i++) {
         struct bvhd_ray *to = &ret_rays[i];
-        *to = (struct bvhd_ray){
-            .tmin = rays[i].tmin, .tmax = rays[i].tmax, .flags = rays[i].flags, .mask = rays[i].cull_mask};
+        *to = (struct bvhd_ray){.tmin = rays[i].tmin,
+                                .tmax = rays[i].tmax,
+                                .flags = rays[i].flags,
+                                .mask = rays[i].cull_mask,
+                                .time = rays[i].time};
         memcpy(to->origin, rays[i].origin, sizeof to->origin);
         memcpy(to->direction, rays[i].direction, sizeof to->direction);
     }

@@ -44,7 +44,9 @@ struct bvhd_ray {
     /* SPIR-V's ray flags. They are read only with BVHD_TRACE_RAY_FLAGS, and must be 0 without it. */
     uint32_t flags;
     uint32_t mask; /* bits 7 .. 0: an instance is skipped if its mask has none of these bits; 0xff hits all */
-    uint32_t reserved[2]; /* not read */
+    /* 0 .. 1: when it meets what moves; at any other time it misses that. Scenes without motion do not read it. */
+    float time;
+    uint32_t reserved; /* not read */
 };
 
 #define BVHD_NO_INSTANCE UINT32_C(0xffffffff)
@@ -126,10 +128,10 @@ struct bvhd_tracer_options {
  * queue during the call.
  *
  * The device must have Vulkan 1.1 (else BVHD_UNSUPPORTED) and a queue with compute; no other feature is required. If it
- * has no subgroup ballots in compute shaders, if the scene has AABBs, spheres or linear swept spheres, or if it is
- * larger than 4 GiB, all rays are traced by the portable ray query, at about a third of the rate. With
- * bufferDeviceAddress enabled (and a scene of BVHD_VULKAN_SCENE_ADDRESSES, or a buffer_address) the scene may be larger
- * than the device can bind, and the kernels that use doubles can be chosen.
+ * has no subgroup ballots in compute shaders, or if the scene has AABBs, spheres, linear swept spheres or anything that
+ * moves, or if it is larger than 4 GiB, all rays are traced by the portable ray query, at about a third of the rate.
+ * With bufferDeviceAddress enabled (and a scene of BVHD_VULKAN_SCENE_ADDRESSES, or a buffer_address) the scene may be
+ * larger than the device can bind, and the kernels that use doubles can be chosen.
  *
  * Returns BVHD_INVALID if an option is wrong or a structure is native, BVHD_NOT_FOUND if there is no structure `root`,
  * BVHD_TOO_LARGE if the buffer is larger than a shader can bind and has no address, and BVHD_NO_MEMORY.
