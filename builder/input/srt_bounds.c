@@ -126,33 +126,24 @@ static void grow(const struct quaternion *rotation, const float srt[SRT_NUMBERS]
 }
 
 /*
- * Bounds what turns and scales make of the box at all times, without translation. Between the ends of a part, and
- * between the scales of both ends, each point is in the hull of its four places there, grown as srt_bounds.h says: the cosine
- * of half a part's angle is the product of its quaternions.
+ * Bounds what all rotations make of the box with the scales of one end, without translation. `turn` is NULL if they may
+ * be any. The cosine of half a part's angle is the product of the quaternions at its ends. The box of another time is
+ * interpolated between those of both ends, as its scales are.
  */
-static void bound_turn(const float *start, const float *end, const struct box *box, double min[3], double max[3])
+static void bound_turn(const struct turn *turn, const float srt[SRT_NUMBERS], const struct box *box, double min[3],
+                       double max[3])
 {
-    const struct quaternion first = load(start), last = load(end);
-    const double radius = fmax(radius_of(start, box), radius_of(end, box)), magnitude = magnitude_of(start, end, box);
-    double growth = magnitude * 0x1p-21 + 0x1p-140;
-    struct turn turn;
-    for (int axis = 0; axis < 3; axis++)
-        min[axis] = max[axis] = 0;
-    if (divide(&first, &last, &turn)) {
-        double least = 1;
-        for (int axis = 0; axis < 3; axis++) {
-            min[axis] = INFINITY;
-            max[axis] = -INFINITY;
-        }
-        for (int i = 0; i <= turn.parts; i++) {
-            grow(&turn.ends[i], start, box, min, max);
-            grow(&turn.ends[i], end, box, min, max);
-            least = i > 0 ? fmin(least, product(&turn.ends[i - 1], &turn.ends[i])) : least;
-        }
-        growth += radius * (1 - least + 0x1p-40 + turn.rounding);
-    } else {
-        growth += radius * (1 + 0x1p-40);
+    const double radius = radius_of(srt, box);
+    double least = turn ? 1 : 0;
+    for (int axis = 0; axis < 3; axis++) {
+        min[axis] = turn ? INFINITY : 0;
+        max[axis] = turn ? -INFINITY : 0;
     }
+    for (int i = 0; turn && i <= turn->parts; i++) {
+        grow(&turn->ends[i], srt, box, min, max);
+        least = i > 0 ? fmin(least, product(&turn->ends[i - 1], &turn->ends[i])) : least;
+    }
+    const double growth = radius * (1 - least + 0x1p-40 + (turn ? turn->rounding : 0));
     for (int axis = 0; axis < 3; axis++) {
         min[axis] -= growth;
         max[axis] += growth;
@@ -162,14 +153,19 @@ static void bound_turn(const float *start, const float *end, const struct box *b
 void srt_bounds(const float start[SRT_NUMBERS], const float end[SRT_NUMBERS], const struct box *box,
                 struct box ret_boxes[2])
 {
-    double min[3], max[3];
-    bound_turn(start, end, box, min, max);
-    for (int axis = 0; axis < 3; axis++) {
-        const double slack = greater(start, end, SRT_TX + axis) * 0x1p-21, from = start[SRT_TX + axis],
-                     to = end[SRT_TX + axis];
-        ret_boxes[0].min[axis] = classification_clamp(round_down(from + min[axis] - slack));
-        ret_boxes[0].max[axis] = classification_clamp(round_up(from + max[axis] + slack));
-        ret_boxes[1].min[axis] = classification_clamp(round_down(to + min[axis] - slack));
-        ret_boxes[1].max[axis] = classification_clamp(round_up(to + max[axis] + slack));
+    const struct quaternion first = load(start), last = load(end);
+    const float *const keys[2] = {start, end};
+    const double rounding = magnitude_of(start, end, box) * 0x1p-21 + 0x1p-140;
+    struct turn turn;
+    const bool is_divided = divide(&first, &last, &turn);
+    for (int key = 0; key < 2; key++) {
+        double min[3], max[3];
+        bound_turn(is_divided ? &turn : NULL, keys[key], box, min, max);
+        for (int axis = 0; axis < 3; axis++) {
+            const double slack = rounding + greater(start, end, SRT_TX + axis) * 0x1p-21,
+                         place = keys[key][SRT_TX + axis];
+            ret_boxes[key].min[axis] = classification_clamp(round_down(place + min[axis] - slack));
+            ret_boxes[key].max[axis] = classification_clamp(round_up(place + max[axis] + slack));
+        }
     }
 }

@@ -13,8 +13,8 @@
 /*
  * Finds the boxes at t = 0 and t = 1 of what is in `box` and is moved by the SRT whose numbers are interpolated in
  * float, each rounded by less than 2^-22 of the greater magnitude at both ends: the box that is interpolated between
- * them holds it at each time. Both are of one size, which holds all turns and scales, and move as the translation does.
- * The numbers are finite, and the result is too.
+ * them holds it at each time. Each holds all rotations with the scales and the translation of its end. The numbers are
+ * finite, and the result is too.
  *
  * The turn is divided into parts of at most 15 degrees. A point moves on an arc from one end of a part to the other,
  * which leaves the line between them by at most r (1 - cos(angle / 2)), where r bounds its distance from the axis. A
