@@ -29,6 +29,13 @@ struct leaf_kind {
 extern const struct leaf_kind leaf_triangles, leaf_aabbs, leaf_instances, leaf_spheres, leaf_swept_spheres,
     leaf_moving_triangles, leaf_moving_instances;
 
+/*
+ * Traverses a structure of motion triangles (moving_avx2.c) whose `unpacked` is the first of its unpacked moving nodes.
+ * Returns false, and does nothing, if the general walk is needed, as it is if `unpacked` is NULL.
+ */
+bool traverse_avx2_moving(struct traverse_state *state, const struct portable_view *view,
+                          const struct unpacked_node *unpacked);
+
 /* The rows by enum portable_content. */
 extern const struct leaf_kind *const leaf_kinds[PORTABLE_CONTENTS];
 

@@ -53,4 +53,5 @@ const struct leaf_kind leaf_moving_triangles = {
     .is_triangles = true,
     .moves = true,
     .visit = visit_moving_triangles,
+    .walk_avx2 = traverse_avx2_moving,
 };

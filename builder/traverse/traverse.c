@@ -92,7 +92,8 @@ enum { UNPACKED_NODES_MAX = 1 << 15 };
  */
 static inline const struct unpacked_node *unpacked_of(const struct scene *scene, uint32_t bottom)
 {
-    if (!scene->unpacked || scene->bottoms[bottom]->header->node_count > UNPACKED_NODES_MAX)
+    const struct portable_header *header = scene->bottoms[bottom]->header;
+    if (!scene->unpacked || (header->node_count > UNPACKED_NODES_MAX && header->content != PORTABLE_MOVING_TRIANGLES))
         return NULL;
     return scene->unpacked[bottom];
 }
@@ -121,14 +122,14 @@ static void visit_scene(struct traverse_walk *walk)
     }
 }
 
-/* Does the work of visit_bottom_only() for a structure of another kind than triangles. */
+/* Does the work of visit_bottom_only() for a structure of another kind than triangles that stand still. */
 static bool visit_others_only(struct traverse_walk *walk, const struct portable_view *view)
 {
     const struct leaf_kind *kind = leaf_kind_of(view);
     if (!kind->walk_avx2)
         return false;
     traverse_state_to_world(&walk->state);
-    return !traverse_state_settle(&walk->state, NULL, kind->skip_flag, false) ||
+    return !traverse_state_enter(&walk->state, NULL, kind->skip_flag, kind->is_triangles) ||
            kind->walk_avx2(&walk->state, view, unpacked_of(walk->scene, 0));
 }
 

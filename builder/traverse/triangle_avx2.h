@@ -38,16 +38,12 @@ BOXTEST_AVX2_INLINE __m256d triangle_avx2_move(__m128 along_axis, __m256d origin
     return _mm256_sub_pd(_mm256_cvtps_pd(along_axis), origin);
 }
 
-/*
- * Returns the corners in the ray's space. It reads 16 bytes of each vertex, which is safe because at least one geometry
- * follows the last vertex of a structure with triangles.
- */
-BOXTEST_AVX2_INLINE struct triangle_lanes triangle_avx2_corners(const struct triangle_avx2_ray *ray, const float *v0,
-                                                                const float *v1, const float *v2)
+/* Returns the corners in the ray's space. */
+BOXTEST_AVX2_INLINE struct triangle_lanes triangle_avx2_corners(const struct triangle_avx2_ray *ray, __m128 v0,
+                                                                __m128 v1, __m128 v2)
 {
-    __m128 a = _mm_permutevar_ps(_mm_loadu_ps(v0), ray->order), b = _mm_permutevar_ps(_mm_loadu_ps(v1), ray->order);
-    __m128 c = _mm_permutevar_ps(_mm_loadu_ps(v2), ray->order), ab_xy = _mm_unpacklo_ps(a, b),
-           ab_z = _mm_unpackhi_ps(a, b);
+    __m128 a = _mm_permutevar_ps(v0, ray->order), b = _mm_permutevar_ps(v1, ray->order);
+    __m128 c = _mm_permutevar_ps(v2, ray->order), ab_xy = _mm_unpacklo_ps(a, b), ab_z = _mm_unpackhi_ps(a, b);
     __m256d z = triangle_avx2_move(_mm_shuffle_ps(ab_z, c, _MM_SHUFFLE(2, 2, 1, 0)), ray->origin[2]);
     __m256d x = triangle_avx2_move(_mm_shuffle_ps(ab_xy, c, _MM_SHUFFLE(0, 0, 1, 0)), ray->origin[0]);
     __m256d y = triangle_avx2_move(_mm_shuffle_ps(ab_xy, c, _MM_SHUFFLE(1, 1, 3, 2)), ray->origin[1]);
@@ -87,14 +83,27 @@ BOXTEST_AVX2_INLINE double triangle_avx2_sum(__m256d lanes)
     return _mm_cvtsd_f64(_mm_add_sd(_mm_add_sd(low, _mm_unpackhi_pd(low, low)), high));
 }
 
-/*
- * Works like triangle_intersect(). `wide` and `ray` are the same ray in two forms; `ray` is for triangles that have to
- * be decided exactly.
- */
-BOXTEST_AVX2_INLINE bool triangle_avx2_intersect(const struct triangle_avx2_ray *wide, const struct triangle_ray *ray,
-                                                 const float *const vertices[3], struct triangle_hit *ret_hit)
+/* Decides a triangle exactly whose corners are in registers. */
+BOXTEST_AVX2 __attribute__((noinline, unused)) static bool triangle_avx2_decide(const struct triangle_ray *ray,
+                                                                                const __m128 vertices[3],
+                                                                                struct triangle_hit *ret_hit)
 {
-    struct triangle_lanes corners = triangle_avx2_corners(wide, vertices[0], vertices[1], vertices[2]);
+    float corners[3][4];
+    for (int k = 0; k < 3; k++)
+        _mm_storeu_ps(corners[k], vertices[k]);
+    return triangle_intersect(ray, corners[0], corners[1], corners[2], ret_hit);
+}
+
+/*
+ * Works like triangle_intersect(), with corners that are loaded; the fourth lanes are unused. `wide` and `ray` are the
+ * same ray in two forms; `ray` is for triangles that have to be decided exactly. These are read from `vertices` unless
+ * that is NULL.
+ */
+BOXTEST_AVX2_INLINE bool triangle_avx2_intersect_loaded(const struct triangle_avx2_ray *wide,
+                                                        const struct triangle_ray *ray, const __m128 loaded[3],
+                                                        const float *const *vertices, struct triangle_hit *ret_hit)
+{
+    struct triangle_lanes corners = triangle_avx2_corners(wide, loaded[0], loaded[1], loaded[2]);
     /* Lane k holds the edge from corner k + 1 to corner k + 2. */
     __m256d from_x = _mm256_permute4x64_pd(corners.x, _MM_SHUFFLE(3, 0, 2, 1));
     __m256d from_y = _mm256_permute4x64_pd(corners.y, _MM_SHUFFLE(3, 0, 2, 1));
@@ -114,7 +123,8 @@ BOXTEST_AVX2_INLINE bool triangle_avx2_intersect(const struct triangle_avx2_ray 
     /* The threshold is twice that of is_cancelled(), because this sum may be rounded differently. */
     bool is_clear = (below | above) == 7 && fabs(sum) >= 2 * triangle_cancellation * products && fabs(sum) <= DBL_MAX;
     if (__builtin_expect(!is_clear, 0))
-        return triangle_intersect(ray, vertices[0], vertices[1], vertices[2], ret_hit);
+        return vertices ? triangle_intersect(ray, vertices[0], vertices[1], vertices[2], ret_hit)
+                        : triangle_avx2_decide(ray, loaded, ret_hit);
 
     __m256d weights = _mm256_div_pd(edges, _mm256_set1_pd(sum));
     __m128d u = _mm256_castpd256_pd128(weights);
@@ -123,6 +133,17 @@ BOXTEST_AVX2_INLINE bool triangle_avx2_intersect(const struct triangle_avx2_ray 
     ret_hit->v = _mm_cvtsd_f64(_mm256_extractf128_pd(weights, 1));
     ret_hit->front = sum > 0;
     return true;
+}
+
+/*
+ * Does the same with corners in memory. It reads 16 bytes of each vertex, which is safe because at least one geometry
+ * follows the last vertex of a structure with triangles.
+ */
+BOXTEST_AVX2_INLINE bool triangle_avx2_intersect(const struct triangle_avx2_ray *wide, const struct triangle_ray *ray,
+                                                 const float *const vertices[3], struct triangle_hit *ret_hit)
+{
+    const __m128 loaded[3] = {_mm_loadu_ps(vertices[0]), _mm_loadu_ps(vertices[1]), _mm_loadu_ps(vertices[2])};
+    return triangle_avx2_intersect_loaded(wide, ray, loaded, vertices, ret_hit);
 }
 
 #endif

@@ -45,6 +45,37 @@ bool unpacked_takes(uint32_t content);
  */
 void unpacked_fill(const struct portable_view *view, struct unpacked_node *ret_nodes);
 
+/* A moving node: its boxes at t = 0, and by how much each plane has moved at t = 1. */
+struct unpacked_moving_node {
+    struct unpacked_node start;
+    float moved[6][8];
+};
+
+_Static_assert(sizeof(struct unpacked_moving_node) == 416, "a node has no gaps");
+
+/* A motion triangle: 16 bytes from the beginning of any corner are inside, and are numbers. */
+struct unpacked_moving_triangle {
+    float start[3][3], end[3][3];
+    float zero;
+    uint32_t id;
+};
+
+/* Returns the size in bytes of an unpacked structure of motion triangles: its nodes, and after them its triangles. */
+static inline uint64_t unpacked_moving_size(const struct portable_header *header)
+{
+    return header->node_count * (uint64_t)sizeof(struct unpacked_moving_node) +
+           header->record_count * (uint64_t)sizeof(struct unpacked_moving_triangle);
+}
+
+static inline const struct unpacked_moving_triangle *unpacked_moving_triangles(const struct portable_view *view,
+                                                                               const struct unpacked_moving_node *nodes)
+{
+    return (const struct unpacked_moving_triangle *)(const void *)(nodes + view->header->node_count);
+}
+
+/* Unpacks a structure of motion triangles into that many bytes (unpacked_moving.c). The view stays as it is. */
+void unpacked_moving_fill(const struct portable_view *view, struct unpacked_moving_node *ret_nodes);
+
 /* Indexed triangles with their corners beside each other: what a view needs in order to have stored triangles. */
 struct unpacked_triangles {
     struct portable_header header;

@@ -21,10 +21,24 @@ static enum bvhd_status store_corners(struct cpu_structure *structure, struct bv
     return BVHD_OK;
 }
 
+/* Unpacks motion triangles, of which the first node stands for all that is unpacked. */
+static enum bvhd_status unpack_moving(struct cpu_structure *structure, struct bvhd_error *error)
+{
+    const struct portable_header *header = structure->view.portable.header;
+    struct unpacked_moving_node *nodes = memory_alloc(&library_memory, unpacked_moving_size(header));
+    if (!nodes)
+        return bvhd_error_no_memory(error, "data", "no memory to unpack %" PRIu32 " nodes", header->node_count);
+    unpacked_moving_fill(&structure->view.portable, nodes);
+    structure->unpacked = &nodes->start;
+    return BVHD_OK;
+}
+
 /* Unpacks the nodes where the traversal uses them. */
 static enum bvhd_status unpack(struct cpu_structure *structure, struct bvhd_error *error)
 {
     const struct portable_header *header = structure->view.portable.header;
+    if (header->content == PORTABLE_MOVING_TRIANGLES && header->node_count > 0 && boxtest_has_avx2())
+        return unpack_moving(structure, error);
     if (!unpacked_takes(header->content) || header->node_count == 0 || !boxtest_has_avx2())
         return BVHD_OK;
     structure->unpacked = memory_array(&library_memory, header->node_count, sizeof *structure->unpacked);

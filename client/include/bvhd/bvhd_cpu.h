@@ -23,10 +23,10 @@
  *
  * What moves is met as it is at the ray's time, from 0 (the start of the motion) to 1 (the end). Each coordinate of a
  * triangle is then start * (1 - time) + end * time in float, each operation rounded once, so that meshes stay
- * watertight. A motion instance has its matrix of that time, whose numbers are computed in the same way; or those of its
- * scale, rotation and translation are, and the matrix is composed of them in double and rounded once. An instance that
- * has no inverse at that time, or a quaternion of zero, is not hit. The time counts in all structures that move, also in
- * one under a top level that does not.
+ * watertight. A motion instance has its matrix of that time, whose numbers are computed in the same way; or those of
+ * its scale, rotation and translation are, and the matrix is composed of them in double and rounded once. An instance
+ * that has no inverse at that time, or a quaternion of zero, is not hit. The time counts in all structures that move,
+ * also in one under a top level that does not.
  *
  * Threads: a scene is immutable once it is created. Any number of threads may trace through it at once, and a call uses
  * no thread but the caller's. Nothing is allocated during a trace.
@@ -193,7 +193,7 @@ struct bvhd_cpu_candidate {
     float tmax; /* t of the closest hit that was confirmed so far; else the ray's tmax */
     uint32_t is_opaque; /* 1: an AABB that counts as opaque. Other opaque primitives are no candidates: they are hits */
     float object_origin[3], object_direction[3]; /* the ray in the space of the bottom level; t is the same there */
-    /* The instance's transform at the ray's time and its inverse, row-major 3x4; the identity without a top level. */
+    /* The instance's transform at the ray's time, and its inverse: row-major 3x4; the identity without a top level */
     float object_to_world[12], world_to_object[12];
 };
 
@@ -285,18 +285,18 @@ BVHD_API enum bvhd_status bvhd_cpu_scene_ends(const struct bvhd_cpu_scene *scene
  * A portable structure must have been built with ALLOW_DATA_ACCESS, for which its scene holds 4 bytes more for each
  * triangle; a native one does not tell its flags, and needs none. The positions and the places "geometry" and
  * "primitive" of errors are those of bvhd_structure_positions (bvhd_structure.h), which refuses primitives of other
- * kinds, and triangles that move. Returns BVHD_INVALID at the place "blob" for one that is no bottom level of this scene, or was built without
- * the flag.
+ * kinds, and triangles that move. Returns BVHD_INVALID at the place "blob" for one that is no bottom level of this
+ * scene, or was built without the flag.
  */
 BVHD_API enum bvhd_status bvhd_cpu_scene_positions(const struct bvhd_cpu_scene *scene, uint32_t blob, uint32_t geometry,
                                                    uint32_t primitive, float ret_positions[3][3],
                                                    struct bvhd_error *ret_error);
 
 /*
- * Give the transform of the instance that was hit, row-major 3x4, from the space of its bottom level to the scene's; the
- * identity without a top level; with _at of an instance that may move, at the time of the ray. Return BVHD_INVALID if
- * the hit is not one of this scene, or is a miss; without _at, if the instance moves; with it, if the time is not in
- * 0 .. 1.
+ * Give the transform of the instance that was hit, row-major 3x4, from the space of its bottom level to the scene's;
+ * the identity without a top level; with _at of an instance that may move, at the time of the ray. Return BVHD_INVALID
+ * if the hit is not one of this scene, or is a miss; without _at, if the instance moves; with it, if the time is not
+ * in 0 .. 1.
  */
 BVHD_API enum bvhd_status bvhd_cpu_scene_object_to_world(const struct bvhd_cpu_scene *scene,
                                                          const struct bvhd_cpu_hit *hit, float ret_matrix[12],

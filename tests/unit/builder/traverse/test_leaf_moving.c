@@ -31,6 +31,7 @@ struct made {
     struct portable_moving_vertex *vertices;
     struct portable_moving_instance *instances;
     struct portable_geometry geometries[2];
+    struct unpacked_moving_node *unpacked;
     uint32_t *order; /* of the records: what they were made from */
 };
 
@@ -151,8 +152,18 @@ static void make_nodes(struct made *made, struct span *spans, uint32_t count)
     free(tasks);
 }
 
+/* Makes the copy for AVX2. */
+static const struct unpacked_node *unpack(struct made *made)
+{
+    made->unpacked = malloc(unpacked_moving_size(&made->header));
+    assert_non_null(made->unpacked);
+    unpacked_moving_fill(&made->view, made->unpacked);
+    return &made->unpacked->start;
+}
+
 static void finish_made(struct made *made)
 {
+    free(made->unpacked);
     free(made->nodes);
     free(made->triangles);
     free(made->vertices);
@@ -305,7 +316,8 @@ static struct ray make_ray(struct random *random, const struct made *made)
     return ray;
 }
 
-enum way { DEFAULT, BASELINE, EXACT, FLIPPED, ASKING, WAYS };
+/* UNPACKED: with the copy that AVX2 walks. */
+enum way { DEFAULT, UNPACKED, BASELINE, EXACT, FLIPPED, ASKING, WAYS };
 
 static const struct traverse_options ways[WAYS] = {
     [BASELINE] = {.baseline_only = true},
@@ -320,7 +332,9 @@ static void check_ray(const struct scene *scene, const struct made *made, struct
     struct traverse_options options = ways[way];
     struct ray_hit hit = {.t = -7};
     options.context = (void *)(uintptr_t)made;
-    const bool is_hit = traverse(scene, ray, way == DEFAULT ? NULL : &options, &hit, NULL);
+    struct scene way_scene = *scene;
+    way_scene.unpacked = way == UNPACKED ? scene->unpacked : NULL;
+    const bool is_hit = traverse(&way_scene, ray, way <= UNPACKED ? NULL : &options, &hit, NULL);
     if (is_hit != expected->is_hit ||
         (is_hit && !(ray->flags & RAY_TERMINATE_ON_FIRST_HIT) &&
          (hit.t != (float)expected->t ||
@@ -343,7 +357,8 @@ static void check_triangles(const struct motion *motion, uint32_t seed, uint32_t
     uint32_t hits = 0;
     make_triangles(&made, &random, motion, 150);
     const struct portable_view *view = &made.view;
-    const struct scene scene = {.bottoms = &view, .bottom_count = 1};
+    const struct unpacked_node *unpacked = unpack(&made);
+    const struct scene scene = {.bottoms = &view, .bottom_count = 1, .unpacked = &unpacked};
     for (uint32_t i = 0; i < rays; i++) {
         struct ray ray = make_ray(&random, &made);
         const double origin[3] = {ray.origin[0], ray.origin[1], ray.origin[2]},
@@ -369,6 +384,7 @@ enum { BOTTOMS = 3, INSTANCES = 40 };
 struct world {
     struct made bottoms[BOTTOMS], top;
     const struct portable_view *views[BOTTOMS];
+    const struct unpacked_node *unpacked[BOTTOMS];
     struct scene scene;
 };
 
@@ -440,6 +456,7 @@ static void make_world(struct world *world, struct random *random)
     for (uint32_t i = 0; i < BOTTOMS; i++) {
         make_triangles(&world->bottoms[i], random, &motions[i], 30);
         world->views[i] = &world->bottoms[i].view;
+        world->unpacked[i] = unpack(&world->bottoms[i]);
     }
     world->top = (struct made){.header = {.content = PORTABLE_MOVING_INSTANCES}};
     for (uint32_t i = 0; i < INSTANCES; i++) {
@@ -469,7 +486,8 @@ static void make_world(struct world *world, struct random *random)
     for (uint32_t i = 0; i < INSTANCES; i++)
         world->top.instances[i] = instances[world->top.order[i]];
     world->top.view.records = world->top.instances;
-    world->scene = (struct scene){.top = &world->top.view, .bottoms = world->views, .bottom_count = BOTTOMS};
+    world->scene = (struct scene){
+        .top = &world->top.view, .bottoms = world->views, .bottom_count = BOTTOMS, .unpacked = world->unpacked};
 }
 
 static void search_world(const struct world *world, const struct ray *ray, struct expected *expected)
