@@ -2,11 +2,11 @@
 /*
  * random_inputs.c - tests the whole pipeline with random requests.
  *
- *     random_inputs [--builder own|embree] [--quality fast|balanced|high] [--kinds flat|round|all] [COUNT [SEED]]
+ *     random_inputs [--builder own|embree] [--quality fast|balanced|high] [--kinds KINDS] [COUNT [SEED]]
  *
- * Requests are of triangles and boxes (flat, which they are without --kinds), of spheres and linear swept spheres
- * (round), or of all of them. Without --quality each has a random one. Where there is no Embree, --builder embree does
- * nothing.
+ * Requests are of triangles and boxes (KINDS is flat, as without --kinds), of spheres and linear swept spheres (round),
+ * of motion triangles, and of motion instances over all kinds (motion), or of all of them (all). Without --quality each
+ * has a random one. Where there is no Embree, --builder embree does nothing.
  *
  * 200 rays through the result of each correct request are compared with brute force over the request, decoded by the
  * test's own code; each result passes the check of its layout and is no larger than the query of sizes says, and a part
@@ -103,7 +103,7 @@ static bool open_one(struct random_run *run, const struct batch_item *item, stru
     return true;
 }
 
-/* The driver has no spheres, so that a request for its layout is refused by name. */
+/* The driver has neither spheres nor motion, so that a request for its layout is refused by name. */
 static void check_native_refusal(struct random_run *run, const struct build_input *input)
 {
     struct batch_item item;
@@ -131,7 +131,7 @@ static void trace_native(struct random_run *run, const struct random_input *bott
     input.options = (struct build_options){.quality = input.options.quality,
                                            .target = TARGET_LAVAPIPE,
                                            .device.variant = 1 + run->seed / NATIVE_STEP % LAVAPIPE_VARIANTS};
-    if (bottom->kind->shape != ORACLE_TRIANGLES) {
+    if (bottom->kind->shape != ORACLE_TRIANGLES || input.flags & BUILD_MOTION) {
         check_native_refusal(run, &input);
         random_judge_bottom(run, bottom, scene, random);
         return;

@@ -70,8 +70,8 @@ static void block_add(struct primitive_block *block, const struct oracle_moment 
 }
 
 /*
- * Fills the block with the next primitives that can be hit at that time. Returns how many primitives were read; 0 at the
- * end.
+ * Fills the block with the next primitives that can be hit at that time. Returns how many primitives were read; 0 at
+ * the end.
  */
 static uint64_t block_fill(const struct trace *trace, struct primitive_cursor *cursor, float time, double wobble,
                            struct primitive_block *ret_block)

@@ -32,8 +32,7 @@ enum { ORACLE_CAP_FIRST = 1, ORACLE_CAP_SECOND = 2 };
 struct oracle_mesh {
     enum oracle_shape shape; /* of all its primitives */
     const float *positions; /* xyz: corners of triangles, centres of spheres */
-    const float
-        *end_positions; /* of triangles: the same at time 1, while `positions` is at time 0; NULL: they stand still */
+    const float *end_positions; /* of triangles that move: at time 1, while `positions` is at time 0; else NULL */
     /*
      * three vertices a triangle, one a sphere, two a swept sphere; NULL: they follow each other, so that triangle i is
      * vertices 3i .. 3i+2
@@ -75,8 +74,9 @@ enum oracle_verdict { ORACLE_RIGHT, ORACLE_UNDECIDED, ORACLE_WRONG_MISS, ORACLE_
  * round shapes whose radii are all 0. Thin triangles whose sides could change places within an ulp are never surely
  * hit. The answers are the same for any number of threads.
  *
- * Meshes that move are met as they are at the ray's time, which is in [0, 1]. Rays of one time should follow each other,
- * because all primitives are read again when the time changes. Transforms that are singular at a time hit nothing then.
+ * Meshes that move are met as they are at the ray's time, which is in [0, 1]. Rays of one time should follow each
+ * other, because all primitives are read again when the time changes. Transforms that are singular at a time hit
+ * nothing then.
  *
  * progress(progress_context, done, total), which may be NULL, is called from any thread; it counts pairs of a ray and a
  * primitive.

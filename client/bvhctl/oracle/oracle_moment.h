@@ -17,7 +17,9 @@ struct oracle_moment {
     float time;
     bool has_matrix;
     bool mirrored; /* the matrix reverses the winding of triangles */
-    /* the mesh moves, or is of a round shape, and moves of the matrix may make it singular, so that nothing is certain */
+    /*
+     * The mesh moves, or is of a round shape, and moves of the matrix may make it singular, so that nothing is certain.
+     */
     bool vague;
     struct radial matrix[12]; /* row-major 3x4, object to world */
     struct radial inverse[3][3]; /* of the matrix without its translation; if the mesh moves, or is of a round shape */

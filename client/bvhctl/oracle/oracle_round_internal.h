@@ -7,8 +7,8 @@
 #include "client/bvhctl/oracle/oracle_kind.h"
 
 /*
- * Makes the body between two vertices of the mesh at a moment, which must outlive it; `caps` are ORACLE_CAP_ bits. Returns false for one that no ray can
- * hit.
+ * Makes the body between two vertices of the mesh at a moment, which must outlive it; `caps` are ORACLE_CAP_ bits.
+ * Returns false for one that no ray can hit.
  */
 bool oracle_round_make(const struct oracle_moment *moment, uint32_t first, uint32_t second, unsigned caps,
                        struct oracle_round *ret_round);

@@ -187,8 +187,8 @@ static bool fetch_flat(const struct oracle_mesh *meshes, uint64_t index, float t
 }
 
 /*
- * Picks a random primitive that can be hit at that time; there must be one. It prefers one that floats can distinguish from a line,
- * if a few random picks find one.
+ * Picks a random primitive that can be hit at that time; there must be one. It prefers one that floats can distinguish
+ * from a line, if a few random picks find one.
  */
 static void pick_facet(const struct oracle_mesh *meshes, uint64_t total, float time, uint64_t *state,
                        struct facet *ret_facet)

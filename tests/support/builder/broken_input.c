@@ -5,6 +5,7 @@
 #include <stdio.h>
 
 #include "tests/support/builder/random_kind.h"
+#include "tests/support/builder/random_motion.h"
 #include "tests/support/builder/random_top.h"
 
 /* Returns a number near which checks may fail: a small one, a power of two or a neighbour of one. */
@@ -77,7 +78,7 @@ static void break_geometry_type(struct broken_input *broken, struct random *rand
     struct geometry *geometry = any_geometry(broken, random);
     struct bytes bytes = {random_input_buffer(&broken->base, 96), 96};
     memset((void *)(uintptr_t)bytes.data, 0, 96);
-    const uint32_t kinds = broken->choice == RANDOM_FLAT ? RANDOM_FLAT_KINDS : RANDOM_KINDS;
+    const uint32_t kinds = random_kind_count(broken->choice);
     uint32_t which = random_below(random, kinds + 1);
     if (which == kinds) {
         if (broken->choice != RANDOM_FLAT)
@@ -203,6 +204,21 @@ static void break_handles(struct broken_input *broken, struct random *random)
     broken->input.source = random_below(random, 5);
 }
 
+/* Breaks what the flag MOTION has to do with: the flag itself, or the type and the flags of a motion instance. */
+static void break_motion(struct broken_input *broken, struct random *random)
+{
+    const struct geometry *geometry = any_geometry(broken, random);
+    if (geometry->type != GEOMETRY_MOVING_INSTANCES || random_chance(random, 0.3)) {
+        broken->input.flags ^= BUILD_MOTION;
+        return;
+    }
+    const uint32_t number = random_below(random, 5);
+    unsigned char *record = (void *)(uintptr_t)geometry->instances.records.data;
+    record += (size_t)MOTION_RECORD_STRIDE * random_below(random, BROKEN_RECORDS) + 4 * random_below(random, 2);
+    if (record && geometry->instances.records.size == (uint64_t)MOTION_RECORD_STRIDE * BROKEN_RECORDS)
+        memcpy(record, &number, sizeof number);
+}
+
 static const struct {
     const char *name;
     void (*apply)(struct broken_input *broken, struct random *random);
@@ -223,7 +239,10 @@ static const struct {
     {"options", break_options},
     {"references", break_references},
     {"handles", break_handles},
+    {"motion", break_motion}, /* where there is motion */
 };
+
+enum { BREAKS = sizeof breaks / sizeof breaks[0] };
 
 static void make_top(struct broken_input *broken, struct random *random)
 {
@@ -243,6 +262,27 @@ static void make_top(struct broken_input *broken, struct random *random)
     };
 }
 
+static void make_moving_top(struct broken_input *broken, struct random *random)
+{
+    const uint64_t size = (uint64_t)MOTION_RECORD_STRIDE * BROKEN_RECORDS;
+    unsigned char *records = random_input_buffer(&broken->base, size);
+    for (uint32_t i = 0; i < BROKEN_RECORDS; i++) {
+        struct random_motion motion;
+        const uint32_t words[2] = {i | UINT32_C(0xff000000), 0};
+        random_motion_make(broken->choice, random, &motion);
+        random_motion_record(&motion, words, i ? broken->references[i % BROKEN_REFERENCES].handle : 0,
+                             records + (size_t)MOTION_RECORD_STRIDE * i);
+    }
+    broken->input.type = STRUCTURE_TOP;
+    broken->input.flags |= BUILD_MOTION;
+    broken->input.geometry_count = 1;
+    broken->base.geometries[0] = (struct geometry){
+        .type = GEOMETRY_MOVING_INSTANCES,
+        .instances = {{records, size}},
+        .range = {.primitive_count = BROKEN_RECORDS},
+    };
+}
+
 void broken_input_init(struct broken_input *ret_broken, struct random *random, enum random_choice choice)
 {
     memset(ret_broken, 0, sizeof *ret_broken);
@@ -256,9 +296,9 @@ void broken_input_init(struct broken_input *ret_broken, struct random *random, e
     ret_broken->input.references = ret_broken->references;
     ret_broken->input.reference_count = BROKEN_REFERENCES;
     if (random_chance(random, 0.3))
-        make_top(ret_broken, random);
+        (choice == RANDOM_MOTION ? make_moving_top : make_top)(ret_broken, random);
     for (uint32_t i = 1 + random_below(random, 3); i > 0; i--) {
-        uint32_t which = random_below(random, sizeof breaks / sizeof breaks[0]);
+        uint32_t which = random_below(random, choice == RANDOM_MOTION ? BREAKS : BREAKS - 1);
         size_t length = strlen(ret_broken->what);
         breaks[which].apply(ret_broken, random);
         snprintf(ret_broken->what + length, sizeof ret_broken->what - length, "%s%s", length ? ", " : "",

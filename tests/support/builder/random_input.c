@@ -109,6 +109,7 @@ struct oracle_mesh random_input_mesh(const struct random_input *input, uint32_t 
         meaning->shape == ORACLE_TRIANGLES ? (const float *)meaning->corners : (const float *)meaning->centres;
     return (struct oracle_mesh){.shape = meaning->shape,
                                 .positions = positions,
+                                .end_positions = (const float *)meaning->end_corners,
                                 .radii = meaning->radii,
                                 .caps = meaning->caps,
                                 .primitive_count = meaning->count,
@@ -122,6 +123,7 @@ void random_input_finish(struct random_input *input)
         free(input->buffers[i]);
     for (int i = 0; i < RANDOM_INPUT_GEOMETRIES; i++) {
         free(input->meanings[i].corners);
+        free(input->meanings[i].end_corners);
         free(input->meanings[i].boxes);
         free(input->meanings[i].centres);
         free(input->meanings[i].radii);

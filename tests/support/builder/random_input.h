@@ -13,10 +13,13 @@
 #include "proto/base/geometry.h"
 #include "tests/support/random.h"
 
-enum { RANDOM_INPUT_GEOMETRIES = 5, RANDOM_INPUT_BUFFERS = 3 * RANDOM_INPUT_GEOMETRIES + 8 };
+enum { RANDOM_INPUT_GEOMETRIES = 5, RANDOM_INPUT_BUFFERS = 4 * RANDOM_INPUT_GEOMETRIES + 8 };
 
-/* Which kinds of geometry requests have: triangles and boxes, spheres and linear swept spheres, or all of them. */
-enum random_choice { RANDOM_FLAT, RANDOM_ROUND, RANDOM_ALL };
+/*
+ * Which kinds of geometry requests have: triangles and boxes, spheres and linear swept spheres, what moves (motion
+ * triangles, and motion instances over all kinds), or all of them.
+ */
+enum random_choice { RANDOM_FLAT, RANDOM_ROUND, RANDOM_MOTION, RANDOM_ALL };
 
 const char *random_choice_name(enum random_choice choice);
 /* Returns false if there is none of this name. */
@@ -27,6 +30,7 @@ struct random_meaning {
     uint32_t count;
     enum oracle_shape shape; /* of all but boxes */
     float (*corners)[3][3]; /* triangles, transformed; NULL for other kinds */
+    float (*end_corners)[3][3]; /* motion triangles: at time 1, while `corners` are at time 0; NULL for other kinds */
     float (*boxes)[6]; /* boxes; NULL for other kinds */
     /* spheres, and two ends for each linear swept sphere, which has ORACLE_CAP_ bits; NULL for other kinds */
     float (*centres)[3];

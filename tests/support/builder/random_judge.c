@@ -6,6 +6,7 @@
 #include <stdlib.h>
 
 #include "builder/traverse/traverse_group.h"
+#include "client/bvhctl/oracle/oracle_moment.h"
 #include "client/bvhctl/oracle/rays.h"
 #include "tests/support/builder/box_judge.h"
 #include "tests/support/builder/random_kind.h"
@@ -47,7 +48,10 @@ static void aim_at_vertex(const struct random_run *run, const struct oracle_mesh
     if (!mesh->primitive_count || mesh->transform)
         return;
     const uint32_t vertex = random_below(random, vertex_counts[mesh->shape] * mesh->primitive_count);
-    const float *at = mesh->positions + (uint64_t)3 * vertex;
+    struct oracle_moment moment;
+    float at[3];
+    oracle_moment_make(mesh, ray->time, &moment);
+    oracle_moment_vertex(&moment, vertex, at);
     double point[3] = {at[0], at[1], at[2]};
     float direction[3];
     if (mesh->shape != ORACLE_TRIANGLES)
@@ -135,25 +139,29 @@ static void judge_ray(struct random_run *run, const struct scene *scene, const s
         random_run_fail(
             run,
             "%s: t %.9g instead of %.9g [%.9g, %.9g], primitive %u.%u.%u, ray (%a %a %a) + t (%a %a %a), %a .. %a, "
-            "flags %x",
+            "time %a, flags %x",
             names[verdict], (double)hit.t, answer->t, answer->t_low, answer->t_end, hit.instance, hit.geometry,
             hit.primitive, (double)ray->origin[0], (double)ray->origin[1], (double)ray->origin[2],
             (double)ray->direction[0], (double)ray->direction[1], (double)ray->direction[2], (double)ray->tmin,
-            (double)ray->tmax, ray->flags);
+            (double)ray->tmax, (double)ray->time, ray->flags);
     if (run->rays % VARIANT_STEP == 0)
         check_variants(run, scene, ray, is_hit, &hit);
 }
 
-/* Rays that are traced in groups find what each of them finds alone. */
+/* Rays that are traced in groups find what each of them finds alone. A group has rays of different times. */
 static void check_groups(struct random_run *run, const struct scene *scene, const struct ray rays[RAYS])
 {
+    const uint32_t step = rays[0].time == rays[RAYS - 1].time ? 1 : 73; /* has no divisor in common with RAYS */
     struct traverse_stream stream = {.scene = scene};
     for (uint32_t begin = 0; begin < RAYS; begin += TRAVERSE_GROUP) {
         const uint32_t count = RAYS - begin < TRAVERSE_GROUP ? RAYS - begin : TRAVERSE_GROUP;
+        struct ray group[TRAVERSE_GROUP];
         struct ray_hit hits[TRAVERSE_GROUP], alone;
-        const uint64_t are_hits = traverse_group(&stream, rays + begin, count, hits);
+        for (uint32_t i = 0; i < count; i++)
+            group[i] = rays[(begin + i) * step % RAYS];
+        const uint64_t are_hits = traverse_group(&stream, group, count, hits);
         for (uint32_t i = 0; i < count; i++) {
-            const bool is_hit = traverse(scene, &rays[begin + i], NULL, &alone, NULL);
+            const bool is_hit = traverse(scene, &group[i], NULL, &alone, NULL);
             if (is_hit != (bool)(are_hits >> i & 1) || (is_hit && !hits_equal(&hits[i], &alone)))
                 random_run_fail(run, "ray %u finds something else in a group", begin + i);
         }
@@ -183,17 +191,24 @@ static bool same_position(float a, float b, bool moved)
     return a == b || (a != a && b != b) || (moved && (nextafterf(a, b) == b));
 }
 
-/* Checks that the stored corners of a hit triangle are those that the request means. */
+/* Checks that the stored corners of a hit triangle are those that the request means, at the ray's time. */
 static void check_corners(struct random_run *run, const struct scene *scene, const struct random_meaning *meaning,
-                          const struct ray_hit *hit)
+                          const struct ray *ray, const struct ray_hit *hit)
 {
     float corners[3][3];
-    traverse_positions(scene, hit, corners);
-    for (int i = 0; i < 9; i++)
-        if (!same_position(corners[i / 3][i % 3], meaning->corners[hit->primitive][i / 3][i % 3], meaning->moved)) {
+    traverse_positions_at(scene, hit, ray->time, corners);
+    for (int i = 0; i < 9; i++) {
+        float right = meaning->corners[hit->primitive][i / 3][i % 3];
+        if (meaning->end_corners) {
+            const float before = right * (1 - ray->time),
+                        after = meaning->end_corners[hit->primitive][i / 3][i % 3] * ray->time;
+            right = before + after;
+        }
+        if (!same_position(corners[i / 3][i % 3], right, meaning->moved)) {
             random_run_fail(run, "positions of primitive %u.%u differ", hit->geometry, hit->primitive);
             return;
         }
+    }
 }
 
 /*
@@ -241,7 +256,7 @@ static void check_hit(struct random_run *run, const struct scene *scene, const s
         return;
     const struct random_meaning *meaning = &meanings[hit.geometry];
     if (meaning->corners)
-        check_corners(run, scene, meaning, &hit);
+        check_corners(run, scene, meaning, ray, &hit);
     else
         check_round(run, meaning, ray, &hit);
 }
@@ -364,9 +379,13 @@ void random_judge_top(struct random_run *run, struct random_top *top, const stru
     for (uint32_t i = 0; i < top->instance_count; i++) {
         const struct random_instance *instance = &top->instances[i];
         const struct random_input *bottom = instance->bottom < 0 ? NULL : &top->bottoms[instance->bottom];
-        if (!bottom || !(instance->mask & mask) || !bottom->kind->are_candidates || !bottom->input.geometry_count)
+        if (!bottom || !(instance->mask & mask) || !bottom->kind->are_candidates || !bottom->input.geometry_count ||
+            !random_motion_is_active(&instance->motion))
             continue;
-        for (uint32_t k = i % 8; k < RAYS; k += 8)
-            check_boxes(run, scene, bottom, &rays[k], i, instance->transform);
+        for (uint32_t k = i % 8; k < RAYS; k += 8) {
+            float matrix[12];
+            if (random_top_matrix(top, i, rays[k].time, matrix))
+                check_boxes(run, scene, bottom, &rays[k], i, matrix);
+        }
     }
 }

@@ -6,7 +6,10 @@
 
 #include "tests/support/builder/random_kind.h"
 
-enum { RECORD_SIZE = 64 };
+static uint32_t record_size(const struct random_top *top)
+{
+    return top->moves ? MOTION_RECORD_STRIDE : 64;
+}
 
 static double determinant(const float m[12])
 {
@@ -31,12 +34,41 @@ void random_top_transform(enum random_choice choice, struct random *random, floa
         ret_matrix[i] *= (float)(i % 4 == 3 ? 4 : scale);
 }
 
+static void pack(const struct random_instance *instance, uint32_t ret_words[2])
+{
+    ret_words[0] = instance->custom_index | instance->mask << 24;
+    ret_words[1] = instance->sbt_offset | instance->flags << 24;
+}
+
 void random_top_record(const struct random_instance *instance, uint64_t handle, unsigned char *ret_record)
 {
-    uint32_t words[2] = {instance->custom_index | instance->mask << 24, instance->sbt_offset | instance->flags << 24};
+    uint32_t words[2];
+    pack(instance, words);
     memcpy(ret_record, instance->transform, sizeof instance->transform);
     memcpy(ret_record + 48, words, sizeof words);
     memcpy(ret_record + 56, &handle, sizeof handle);
+}
+
+/* Writes the record of an instance that names `handle`. */
+static void write_record(const struct random_top *top, uint32_t index, uint64_t handle)
+{
+    const struct random_instance *instance = &top->instances[index];
+    unsigned char *record = top->records + top->geometry.range.primitive_offset + (size_t)record_size(top) * index;
+    uint32_t words[2];
+    pack(instance, words);
+    if (top->moves)
+        random_motion_record(&instance->motion, words, handle, record);
+    else
+        random_top_record(instance, handle, record);
+}
+
+bool random_top_matrix(const struct random_top *top, uint32_t instance, float time, float ret_matrix[12])
+{
+    const struct random_instance *that = &top->instances[instance];
+    if (top->moves)
+        return random_motion_matrix(&that->motion, time, ret_matrix);
+    memcpy(ret_matrix, that->transform, sizeof that->transform);
+    return true;
 }
 
 static struct random_instance random_instance(const struct random_top *top, struct random *random)
@@ -51,28 +83,28 @@ static struct random_instance random_instance(const struct random_top *top, stru
         .flags = flags[random_below(random, 6)] | (random_chance(random, 0.2) ? INSTANCE_FLIP_FACING : 0),
         .bottom = random_chance(random, 0.1) ? -1 : (int)random_below(random, top->bottom_count),
     };
-    random_top_transform(top->choice, random, instance.transform);
+    if (top->moves)
+        random_motion_make(top->choice, random, &instance.motion);
+    else
+        random_top_transform(top->choice, random, instance.transform);
     return instance;
 }
 
 static void make_records(struct random_top *top, struct random *random)
 {
     uint32_t offset = 16 * random_below(random, 3);
-    uint64_t size = offset + (uint64_t)RECORD_SIZE * top->instance_count;
+    uint64_t size = offset + (uint64_t)record_size(top) * top->instance_count;
     top->records = random_input_zeroed(size, 1);
+    top->geometry.range = (struct geometry_range){.primitive_count = top->instance_count, .primitive_offset = offset};
     for (uint32_t i = 0; i < top->instance_count; i++) {
         struct random_instance *instance = &top->instances[i];
         *instance = random_instance(top, random);
         top->culling_disabled |= (instance->flags & INSTANCE_CULL_DISABLE) != 0;
-        uint64_t handle = instance->bottom < 0 ? 0 : top->references[instance->bottom].handle;
-        random_top_record(instance, handle, top->records + offset + (uint64_t)RECORD_SIZE * i);
+        write_record(top, i, instance->bottom < 0 ? 0 : top->references[instance->bottom].handle);
     }
-    top->geometry = (struct geometry){
-        .type = GEOMETRY_INSTANCES,
-        .flags = random_below(random, 4),
-        .instances = {{top->records, size}},
-        .range = {.primitive_count = top->instance_count, .primitive_offset = offset},
-    };
+    top->geometry.type = top->moves ? GEOMETRY_MOVING_INSTANCES : GEOMETRY_INSTANCES;
+    top->geometry.flags = random_below(random, 4);
+    top->geometry.instances.records = (struct bytes){top->records, size};
 }
 
 void random_top_move(void *request, struct random *random)
@@ -84,15 +116,15 @@ void random_top_move(void *request, struct random *random)
         if (instance->bottom >= 0) {
             *instance = random_instance(top, random);
             instance->bottom = (int)random_below(random, top->bottom_count);
-            random_top_record(instance, top->references[instance->bottom].handle,
-                              top->records + top->geometry.range.primitive_offset + (uint64_t)RECORD_SIZE * i);
+            write_record(top, i, top->references[instance->bottom].handle);
         }
         top->culling_disabled |= (instance->flags & INSTANCE_CULL_DISABLE) != 0;
     }
     for (uint32_t i = 0; i < top->bottom_count; i++)
         for (int g = 0; g < RANDOM_INPUT_GEOMETRIES; g++) {
             free(top->flipped[i][g]);
-            top->flipped[i][g] = NULL;
+            free(top->end_flipped[i][g]);
+            top->flipped[i][g] = top->end_flipped[i][g] = NULL;
         }
 }
 
@@ -111,9 +143,11 @@ void random_top_init_of(struct random_top *ret_top, struct random *random, uint3
         ret_top->references[i] =
             (struct reference){.kind = REFERENCE_BLAS, .handle = 1000 - 7 * (uint64_t)i, .has_key = true};
     }
+    ret_top->moves = choice == RANDOM_MOTION;
     ret_top->instance_count = random_below(random, RANDOM_TOP_INSTANCES + 1);
     make_records(ret_top, random);
     random_input_options(&ret_top->input, random);
+    ret_top->input.flags |= ret_top->moves ? BUILD_MOTION : 0;
     ret_top->input.type = STRUCTURE_TOP;
     ret_top->input.geometry_count = 1;
     ret_top->input.geometries = &ret_top->geometry;
@@ -125,23 +159,24 @@ void random_top_finish(struct random_top *top)
 {
     for (uint32_t i = 0; i < top->bottom_count; i++) {
         random_input_finish(&top->bottoms[i]);
-        for (int g = 0; g < RANDOM_INPUT_GEOMETRIES; g++)
+        for (int g = 0; g < RANDOM_INPUT_GEOMETRIES; g++) {
             free(top->flipped[i][g]);
+            free(top->end_flipped[i][g]);
+        }
     }
     free(top->records);
     free(top->meshes);
 }
 
-static const float *flip(struct random_top *top, uint32_t bottom, uint32_t geometry)
+/* Returns the corners with reversed winding; NULL: there are none. They are made once. */
+static const float *flip(const struct random_meaning *meaning, float (*corners)[3][3], float **flipped)
 {
-    const struct random_meaning *meaning = &top->bottoms[bottom].meanings[geometry];
-    float **flipped = &top->flipped[bottom][geometry];
-    if (*flipped)
+    if (*flipped || !corners)
         return *flipped;
     *flipped = random_input_zeroed(meaning->count, 9 * sizeof **flipped);
     for (uint32_t i = 0; i < meaning->count; i++)
         for (uint32_t k = 0; k < 9; k++)
-            (*flipped)[9 * (size_t)i + k] = meaning->corners[i][(3 - k / 3) % 3][k % 3];
+            (*flipped)[9 * (size_t)i + k] = corners[i][(3 - k / 3) % 3][k % 3];
     return *flipped;
 }
 
@@ -152,7 +187,7 @@ void random_top_mean(struct random_top *top, uint32_t cull_mask)
     top->mesh_count = 0;
     for (uint32_t i = 0; i < top->instance_count; i++) {
         const struct random_instance *instance = &top->instances[i];
-        if (instance->bottom < 0 || !(instance->mask & cull_mask))
+        if (instance->bottom < 0 || !(instance->mask & cull_mask) || !random_motion_is_active(&instance->motion))
             continue;
         uint32_t b = (uint32_t)instance->bottom;
         for (uint32_t g = 0; g < top->bottoms[b].input.geometry_count; g++) {
@@ -160,9 +195,13 @@ void random_top_mean(struct random_top *top, uint32_t cull_mask)
             struct oracle_mesh mesh = random_input_mesh(&top->bottoms[b], g);
             if (meaning->boxes)
                 continue;
-            if (meaning->corners && instance->flags & INSTANCE_FLIP_FACING)
-                mesh.positions = flip(top, b, g);
+            if (meaning->corners && instance->flags & INSTANCE_FLIP_FACING) {
+                mesh.positions = flip(meaning, meaning->corners, &top->flipped[b][g]);
+                mesh.end_positions = flip(meaning, meaning->end_corners, &top->end_flipped[b][g]);
+            }
             mesh.transform = instance->transform;
+            if (top->moves)
+                random_motion_apply(&instance->motion, &mesh);
             mesh.instance = i;
             top->meshes[top->mesh_count++] = mesh;
         }
@@ -198,3 +237,6 @@ static void blank(struct geometry *geometry, struct bytes bytes)
 }
 
 const struct random_kind random_instances = {.type = GEOMETRY_INSTANCES, .fields = fields, .blank = blank};
+
+const struct random_kind random_moving_instances = {
+    .type = GEOMETRY_MOVING_INSTANCES, .fields = fields, .blank = blank};

@@ -6,11 +6,13 @@
 #include "builder/format/portable.h"
 #include "client/bvhctl/oracle/oracle.h"
 #include "tests/support/builder/random_input.h"
+#include "tests/support/builder/random_motion.h"
 
 enum { RANDOM_TOP_BOTTOMS = 4, RANDOM_TOP_INSTANCES = 60 };
 
 struct random_instance {
     float transform[12];
+    struct random_motion motion; /* of motion instances, which have no transform else */
     uint32_t custom_index, mask, sbt_offset, flags;
     int bottom; /* -1: inactive */
 };
@@ -18,6 +20,7 @@ struct random_instance {
 struct random_top {
     struct build_input input;
     enum random_choice choice; /* of the kinds of the bottom levels */
+    bool moves; /* it is of motion instances */
     struct geometry geometry;
     /* The caller sets keys and bounds once the bottom levels are built. */
     struct reference references[RANDOM_TOP_BOTTOMS];
@@ -31,6 +34,7 @@ struct random_top {
     uint32_t mesh_count;
     /* corners with reversed winding, for meshes of instances that flip their facing; NULL: not made yet */
     float *flipped[RANDOM_TOP_BOTTOMS][RANDOM_INPUT_GEOMETRIES];
+    float *end_flipped[RANDOM_TOP_BOTTOMS][RANDOM_INPUT_GEOMETRIES]; /* the same at time 1 */
 };
 
 /*
@@ -66,6 +70,9 @@ uint32_t random_top_rows(const struct random_top *top, const struct portable_vie
  * scale by more than others, because at a distance a float does not tell what is round and small from its silhouette.
  */
 void random_top_transform(enum random_choice choice, struct random *random, float ret_matrix[12]);
+
+/* Makes the matrix of an instance at a time. Returns false if it is singular, or nearly. */
+bool random_top_matrix(const struct random_top *top, uint32_t instance, float time, float ret_matrix[12]);
 
 /* Writes the 64 bytes of a Vulkan instance record that names `handle`. */
 void random_top_record(const struct random_instance *instance, uint64_t handle, unsigned char *ret_record);

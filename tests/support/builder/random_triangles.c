@@ -38,6 +38,7 @@ struct random_plan {
     uint32_t count, vertex_count, first_vertex, offset;
     uint64_t stride;
     unsigned char *vertices; /* from the geometry's own offset on */
+    unsigned char *end_vertices; /* the same at time 1; NULL: they stand still */
     float *matrix; /* the transform; NULL: none */
     uint32_t indices[]; /* of all corners, without first_vertex */
 };
@@ -70,6 +71,67 @@ static void make_vertices(struct random_input *input, struct random_plan *plan, 
         geometry->triangles.vertices = (struct bytes){NULL, 0};
 }
 
+/* How the vertices of a geometry move. */
+enum travel { RESTING, DRIFTING, SCATTERED, EXCHANGED, FAR_AWAY, TRAVELS };
+
+struct journey {
+    enum travel travel;
+    struct random_manner manner; /* of places that do not depend on those at time 0 */
+    double velocity[3];
+    double noise; /* share of components with unusual values */
+};
+
+static struct journey random_journey(bool wide, struct random *random)
+{
+    struct journey journey = {.travel = (enum travel)random_below(random, TRAVELS),
+                              .manner = random_manner_make(random, wide)};
+    double size = pow(10, random_between(random, -2, wide && journey.travel == FAR_AWAY ? 30 : 0.5));
+    for (int axis = 0; axis < 3; axis++)
+        journey.velocity[axis] = size * random_between(random, -1, 1);
+    journey.noise = wide && random_chance(random, 0.3) ? 0.01 : 0;
+    return journey;
+}
+
+/* Makes the place at time 1 of vertex i. */
+static void arrive(const struct random_plan *plan, const struct journey *journey, uint32_t i, struct random *random,
+                   double ret_position[3])
+{
+    static const double odd[] = {NAN, INFINITY, -INFINITY, 3e38, -3e38, 1e-40};
+    const uint32_t from = journey->travel != EXCHANGED ? i : i + 1 < plan->vertex_count ? i ^ 1 : 0;
+    float start[3];
+    random_format_decode(plan->format, plan->vertices + plan->stride * (plan->first_vertex + from), start);
+    random_manner_position(&journey->manner, i, random, ret_position);
+    for (int axis = 0; axis < 3; axis++) {
+        if (journey->travel != SCATTERED)
+            ret_position[axis] = start[axis];
+        if (journey->travel == DRIFTING || journey->travel == FAR_AWAY)
+            ret_position[axis] += journey->velocity[axis] * random_between(random, 0.9, 1);
+        if (random_chance(random, journey->noise))
+            ret_position[axis] = odd[random_below(random, sizeof odd / sizeof odd[0])];
+    }
+}
+
+/* Makes places of the vertices at time 1, in an array like that of time 0. */
+static void make_end_vertices(struct random_input *input, struct random_plan *plan, struct random *random,
+                              struct geometry *geometry)
+{
+    const bool wide = !input->is_calm && (plan->format->component == FLOAT || plan->format->component == DOUBLE);
+    const struct journey journey = random_journey(wide, random);
+    const struct bytes vertices = geometry->triangles.vertices;
+    geometry->triangles.end_vertices = vertices;
+    if (!vertices.data)
+        return;
+    unsigned char *bytes = random_input_buffer(input, vertices.size);
+    memset(bytes, 0xff, vertices.size);
+    plan->end_vertices = bytes + (plan->vertices - vertices.data);
+    for (uint32_t i = 0; i < plan->vertex_count; i++) {
+        double position[3];
+        arrive(plan, &journey, i, random, position);
+        random_format_encode(plan->format, position, plan->end_vertices + plan->stride * (plan->first_vertex + i));
+    }
+    geometry->triangles.end_vertices.data = bytes;
+}
+
 /* Returns an index in a strip of the sheet, a neighbour, a repetition, or any index. */
 static uint32_t random_index(const struct random_plan *plan, uint32_t corner, struct random *random)
 {
@@ -95,18 +157,24 @@ static void make_indices(struct random_input *input, struct random_plan *plan, s
     geometry->triangles.indices = (struct bytes){buffer, bytes};
 }
 
-static void mean(const struct random_plan *plan, struct random_meaning *ret_meaning)
+static float (*mean_corners(const struct random_plan *plan, const unsigned char *vertices))[3][3]
 {
-    ret_meaning->count = plan->count;
-    ret_meaning->corners = random_input_zeroed(plan->count, sizeof *ret_meaning->corners);
-    ret_meaning->moved = plan->matrix != NULL;
+    float(*corners)[3][3] = random_input_zeroed(plan->count, sizeof *corners);
     for (uint32_t i = 0; i < 3 * plan->count; i++) {
-        float *corner = ret_meaning->corners[i / 3][i % 3];
-        random_format_decode(plan->format, plan->vertices + plan->stride * (plan->first_vertex + plan->indices[i]),
-                             corner);
+        float *corner = corners[i / 3][i % 3];
+        random_format_decode(plan->format, vertices + plan->stride * (plan->first_vertex + plan->indices[i]), corner);
         if (plan->matrix)
             apply(plan->matrix, corner);
     }
+    return corners;
+}
+
+static void mean(const struct random_plan *plan, struct random_meaning *ret_meaning)
+{
+    ret_meaning->count = plan->count;
+    ret_meaning->moved = plan->matrix != NULL;
+    ret_meaning->corners = mean_corners(plan, plan->vertices);
+    ret_meaning->end_corners = plan->end_vertices ? mean_corners(plan, plan->end_vertices) : NULL;
 }
 
 static float *make_transform(struct random_input *input, struct random *random, struct geometry *geometry)
@@ -146,11 +214,13 @@ static struct random_plan *make_plan(uint32_t count, struct random *random, stru
     return plan;
 }
 
-static void make(struct random_input *input, uint32_t index, uint32_t count, struct random *random)
+static void make_any(struct random_input *input, uint32_t index, uint32_t count, bool moves, struct random *random)
 {
     struct geometry *geometry = &input->geometries[index];
     struct random_plan *plan = make_plan(count, random, geometry);
     make_vertices(input, plan, random, geometry);
+    if (moves)
+        make_end_vertices(input, plan, random, geometry);
     for (uint32_t i = 0; i < 3 * count; i++)
         plan->indices[i] = i;
     if (geometry->triangles.index_type != INDEX_NONE)
@@ -160,33 +230,56 @@ static void make(struct random_input *input, uint32_t index, uint32_t count, str
     input->plans[index] = plan;
 }
 
-static bool vertex_is_number(const struct random_plan *plan, uint32_t vertex)
+static void make(struct random_input *input, uint32_t index, uint32_t count, struct random *random)
+{
+    make_any(input, index, count, false, random);
+}
+
+/* One geometry in four stands still. */
+static void make_moving(struct random_input *input, uint32_t index, uint32_t count, struct random *random)
+{
+    const bool moves = random_chance(random, 0.75);
+    input->input.flags |= BUILD_MOTION;
+    make_any(input, index, count, moves, random);
+    if (moves)
+        input->geometries[index].type = GEOMETRY_MOVING_TRIANGLES;
+}
+
+static bool vertex_is_number(const struct random_plan *plan, const unsigned char *vertices, uint32_t vertex)
 {
     float position[3];
-    random_format_decode(plan->format, plan->vertices + plan->stride * (plan->first_vertex + vertex), position);
+    random_format_decode(plan->format, vertices + plan->stride * (plan->first_vertex + vertex), position);
     return !isnan(position[0]) && !isnan(position[1]) && !isnan(position[2]);
 }
 
 /* Vertices without NaNs change places. Where elements overlap, they would change others too, and stay. */
-static void move(struct random_input *input, uint32_t index, struct random *random)
+static void shuffle(const struct random_plan *plan, unsigned char *vertices, struct random *random)
 {
-    struct random_plan *plan = input->plans[index];
     const uint64_t size = random_format_read_size(plan->format);
     const uint32_t most = random_chance(random, 0.5) ? plan->vertex_count : 8;
     unsigned char swap[24];
     for (uint32_t i = 0; i < plan->vertex_count && plan->stride >= size; i++) {
         const uint32_t k = (i + random_below(random, most)) % plan->vertex_count;
-        unsigned char *a = plan->vertices + plan->stride * (plan->first_vertex + i),
-                      *b = plan->vertices + plan->stride * (plan->first_vertex + k);
-        if (!vertex_is_number(plan, i) || !vertex_is_number(plan, k) || random_chance(random, 0.3))
+        unsigned char *a = vertices + plan->stride * (plan->first_vertex + i),
+                      *b = vertices + plan->stride * (plan->first_vertex + k);
+        if (!vertex_is_number(plan, vertices, i) || !vertex_is_number(plan, vertices, k) || random_chance(random, 0.3))
             continue;
         memcpy(swap, a, size);
         memcpy(a, b, size);
         memcpy(b, swap, size);
     }
+}
+
+static void move(struct random_input *input, uint32_t index, struct random *random)
+{
+    struct random_plan *plan = input->plans[index];
+    shuffle(plan, plan->vertices, random);
+    if (plan->end_vertices)
+        shuffle(plan, plan->end_vertices, random);
     if (plan->matrix && random_chance(random, 0.5))
         random_matrix(random, plan->matrix);
     free(input->meanings[index].corners);
+    free(input->meanings[index].end_corners);
     mean(plan, &input->meanings[index]);
 }
 
@@ -213,3 +306,22 @@ static void blank(struct geometry *geometry, struct bytes bytes)
 
 const struct random_kind random_triangles = {
     .type = GEOMETRY_TRIANGLES, .make = make, .move = move, .fields = fields, .blank = blank};
+
+static struct random_fields moving_fields(struct geometry *geometry)
+{
+    struct random_fields known = fields(geometry);
+    known.arrays[known.array_count++] = &geometry->triangles.end_vertices;
+    return known;
+}
+
+static void blank_moving(struct geometry *geometry, struct bytes bytes)
+{
+    blank(geometry, bytes);
+    geometry->triangles.end_vertices = bytes;
+}
+
+const struct random_kind random_moving_triangles = {.type = GEOMETRY_MOVING_TRIANGLES,
+                                                    .make = make_moving,
+                                                    .move = move,
+                                                    .fields = moving_fields,
+                                                    .blank = blank_moving};
