@@ -23,13 +23,30 @@ static struct build_context context_over(struct memory *memory, const struct par
 static const struct test_shape soup = {
     .type = GEOMETRY_TRIANGLES, .geometries = 2, .primitives = 6000, .size = 10, .detail = 0.02};
 
+static struct build_options options_for(enum build_builder builder, enum build_quality quality)
+{
+    return (struct build_options){.quality = quality, .target = TARGET_PORTABLE, .builder = builder};
+}
+
+static struct test_shape soup_of(uint32_t type)
+{
+    struct test_shape shape = soup;
+    shape.type = type;
+    shape.geometries = kind_find(type)->is_top ? 1 : kind_find(type)->moves ? 3 : 2;
+    return shape;
+}
+
+/* The boxes of primitives, of both keys where something moves. */
 static struct box *boxes_of(const struct canonical *canonical)
 {
-    struct box *boxes = calloc(canonical->primitive_count + 1, sizeof *boxes);
+    const uint32_t count = canonical->primitive_count;
+    struct box *boxes = calloc(2 * (size_t)count + 1, sizeof *boxes), keys[2];
     assert_non_null(boxes);
-    for (uint32_t id = 0; id < canonical->primitive_count; id++) {
+    for (uint32_t id = 0; id < count; id++) {
         const struct canonical_geometry *geometry = &canonical->geometries[canonical_geometry_of(canonical, id)];
-        boxes[id] = primitive_box(canonical, geometry, id - geometry->first_primitive);
+        primitive_key_boxes(canonical, geometry, id - geometry->first_primitive, keys);
+        boxes[id] = keys[0];
+        boxes[count + id] = keys[1];
     }
     return boxes;
 }
@@ -38,12 +55,11 @@ static struct box *boxes_of(const struct canonical *canonical)
 static struct ir sound_ir_by(enum build_builder builder, const struct canonical *canonical, enum build_quality quality,
                              const struct build_context *context, struct build_stats *stats)
 {
-    struct build_options options = balanced;
+    struct build_options options = options_for(builder, quality);
     struct ir ir;
-    options.builder = builder;
-    options.quality = quality;
     assert_int_equal(build_ir(canonical, &options, context, &ir, stats, NULL), BVHD_OK);
     struct box *boxes = boxes_of(canonical);
+    assert_int_equal(ir.key_count, canonical_moves(canonical) && ir.node_count > 0 ? 2 : 1);
     bool split = strcmp(stats->method, "spatial") == 0 || strcmp(stats->method, "embree-high") == 0;
     assert_int_equal(ir_check(&ir, canonical->primitive_count, boxes, split, context->memory, NULL), BVHD_OK);
     assert_int_equal(stats->depth, ir_depth(&ir, context->memory));
@@ -61,8 +77,9 @@ static struct ir sound_ir(const struct canonical *canonical, enum build_quality 
     return sound_ir_by(BUILDER_OWN, canonical, quality, context, stats);
 }
 
-static const uint32_t types[KIND_COUNT] = {GEOMETRY_TRIANGLES, GEOMETRY_AABBS, GEOMETRY_INSTANCES, GEOMETRY_SPHERES,
-                                           GEOMETRY_SWEPT_SPHERES};
+static const uint32_t types[KIND_COUNT] = {GEOMETRY_TRIANGLES,       GEOMETRY_AABBS,         GEOMETRY_INSTANCES,
+                                           GEOMETRY_SPHERES,         GEOMETRY_SWEPT_SPHERES, GEOMETRY_MOVING_TRIANGLES,
+                                           GEOMETRY_MOVING_INSTANCES};
 
 static void check_every_kind(enum build_builder builder)
 {
@@ -76,12 +93,10 @@ static void check_every_kind(enum build_builder builder)
     for (int t = 0; t < KIND_COUNT; t++)
         for (uint32_t count = 1; count < 3000; count = count * 6 + (count < 3))
             for (enum build_quality quality = QUALITY_FAST; quality <= QUALITY_HIGH; quality++) {
-                struct test_shape shape = soup;
+                struct test_shape shape = soup_of(types[t]);
                 struct test_model model;
                 struct build_stats stats;
-                shape.type = types[t];
                 shape.primitives = count;
-                shape.geometries = types[t] == GEOMETRY_INSTANCES ? 1 : 2;
                 test_model_make(&shape, count, &model);
                 for (uint32_t r = 0; r < model.canonical.reference_count; r++)
                     model.canonical.references[r].bounds = (struct box){{0, 0, 0}, {1, 1, 1}};
@@ -91,8 +106,9 @@ static void check_every_kind(enum build_builder builder)
                 if (stats.refs > 0)
                     assert_string_equal(stats.method, methods[builder][splits ? quality : QUALITY_BALANCED]);
                 assert_int_equal(stats.primitives, model.canonical.primitive_count);
-                assert_int_equal(stats.triangles, types[t] == GEOMETRY_TRIANGLES ? stats.primitives : 0);
-                assert_int_equal(stats.instances, types[t] == GEOMETRY_INSTANCES ? stats.primitives : 0);
+                const uint32_t type = kind_find(types[t])->vulkan_type;
+                assert_int_equal(stats.triangles, type == GEOMETRY_TRIANGLES ? stats.primitives : 0);
+                assert_int_equal(stats.instances, type == GEOMETRY_INSTANCES ? stats.primitives : 0);
                 ir_finish(&ir);
                 test_model_finish(&model);
             }
@@ -158,22 +174,20 @@ static void qualities_have_names(void **state)
     assert_string_equal(build_builder_name((enum build_builder)77), "unknown");
 }
 
+static const uint32_t sampled[] = {GEOMETRY_TRIANGLES, GEOMETRY_SWEPT_SPHERES, GEOMETRY_MOVING_TRIANGLES,
+                                   GEOMETRY_MOVING_INSTANCES};
+
 static void check_threads(enum build_builder builder, uint32_t type)
 {
     struct memory memory;
     memory_init(&memory, UINT64_MAX);
     for (enum build_quality quality = QUALITY_FAST; quality <= QUALITY_HIGH; quality++) {
-        struct test_shape shape = soup;
+        struct test_shape shape = soup_of(type);
         struct test_model model;
-        struct build_options options = balanced;
+        struct build_options options = options_for(builder, quality);
         unsigned char *first = NULL;
         uint64_t size = 0;
-        options.builder = builder;
-        options.quality = quality;
-        shape.type = type;
-        shape.primitives = builder                   ? 3000
-                           : quality == QUALITY_HIGH ? 30000
-                                                     : 20000; /* times two geometries: more than one piece */
+        shape.primitives = builder ? 3000 : quality == QUALITY_HIGH ? 30000 : 20000; /* more than one piece */
         test_model_make(&shape, 3, &model);
         for (unsigned threads = 1; threads <= 8; threads = threads * 3 - 1) {
             struct workers *workers;
@@ -202,10 +216,8 @@ static void bytes_do_not_depend_on_threads(void **state)
 {
     (void)state;
     BUILDERS_FOR(builder)
-    {
-        check_threads(builder, GEOMETRY_TRIANGLES);
-        check_threads(builder, GEOMETRY_SWEPT_SPHERES);
-    }
+    for (size_t i = 0; i < sizeof sampled / sizeof *sampled; i++)
+        check_threads(builder, sampled[i]);
 }
 
 /* Builds work for magnitudes at the ends of float's range. */
@@ -218,17 +230,15 @@ static void check_magnitudes(enum build_builder builder)
     for (int t = 0; t < KIND_COUNT; t++)
         for (size_t i = 0; i < sizeof sizes / sizeof *sizes; i++)
             for (enum build_quality quality = QUALITY_FAST; quality <= QUALITY_HIGH; quality++) {
-                struct test_shape shape = soup;
+                struct test_shape shape = soup_of(types[t]);
                 struct test_model model;
                 struct build_stats stats;
-                shape.type = types[t];
-                shape.geometries = types[t] == GEOMETRY_INSTANCES ? 1 : 2;
                 shape.primitives = quality == QUALITY_HIGH ? 300 : 1500;
                 shape.size = sizes[i];
                 test_model_make(&shape, 6, &model);
                 struct ir ir = sound_ir_by(builder, &model.canonical, quality, &context, &stats);
                 assert_true(types[t] != GEOMETRY_AABBS || stats.refs >= model.canonical.primitive_count);
-                assert_true(stats.depth < 40);
+                assert_true(stats.depth < (types[t] == GEOMETRY_MOVING_INSTANCES ? 64 : 40));
                 ir_finish(&ir);
                 test_model_finish(&model);
             }
@@ -294,9 +304,7 @@ static void limit_deep_trees(enum build_builder builder, double least)
         struct ir ir = sound_ir_by(builder, &canonical, quality, &context, &stats);
         assert_true(stats.depth <= 64);
         ir_finish(&ir);
-        struct build_options options = balanced;
-        options.builder = builder;
-        options.quality = quality;
+        struct build_options options = options_for(builder, quality);
         assert_int_equal(build(&canonical, &options, &context, &blob, &stats, NULL), BVHD_OK);
         assert_int_equal(portable_open((struct bytes){blob, stats.sizes.total}, &memory, &view, NULL), BVHD_OK);
         assert_true(view.header->depth <= PORTABLE_MAX_DEPTH);
@@ -380,15 +388,12 @@ static void options_are_checked(void **state)
 static void fail_allocations(enum build_builder builder, uint32_t type)
 {
     for (enum build_quality quality = QUALITY_FAST; quality <= QUALITY_HIGH; quality++) {
-        struct test_shape shape = soup;
+        struct test_shape shape = soup_of(type);
         struct test_model model;
         struct memory memory;
-        struct build_options options = balanced;
+        struct build_options options = options_for(builder, quality);
         enum bvhd_status status = BVHD_NO_MEMORY;
-        shape.type = type;
         shape.primitives = quality == QUALITY_BALANCED ? 3000 : 300;
-        options.builder = builder;
-        options.quality = quality;
         test_model_make(&shape, 1, &model);
         memory_init(&memory, UINT64_MAX);
         struct build_context context = context_over(&memory, &parallel_serial);
@@ -414,10 +419,8 @@ static void failing_allocations_leave_nothing(void **state)
 {
     (void)state;
     BUILDERS_FOR(builder)
-    {
-        fail_allocations(builder, GEOMETRY_TRIANGLES);
-        fail_allocations(builder, GEOMETRY_SWEPT_SPHERES);
-    }
+    for (size_t i = 0; i < sizeof sampled / sizeof *sampled; i++)
+        fail_allocations(builder, sampled[i]);
 }
 
 struct cancelling {

@@ -8,8 +8,9 @@
 #include "builder/update/update_kind.h"
 #include "proto/base/kind.h"
 
-static const uint32_t types[KIND_COUNT] = {GEOMETRY_TRIANGLES, GEOMETRY_AABBS, GEOMETRY_INSTANCES, GEOMETRY_SPHERES,
-                                           GEOMETRY_SWEPT_SPHERES};
+static const uint32_t types[KIND_COUNT] = {GEOMETRY_TRIANGLES,       GEOMETRY_AABBS,         GEOMETRY_INSTANCES,
+                                           GEOMETRY_SPHERES,         GEOMETRY_SWEPT_SPHERES, GEOMETRY_MOVING_TRIANGLES,
+                                           GEOMETRY_MOVING_INSTANCES};
 /* Types without a kind. */
 static const uint32_t foreign[] = {3, 1000429003, 1000478000, UINT32_MAX};
 
@@ -34,6 +35,7 @@ static void input_is_complete(void **state)
         assert_true(kind->look && kind->collect);
         assert_true((kind->corners > 0) == (kind->fetch_vertices && kind->rebase && kind->finish && kind->describe));
         assert_int_equal(kind_find(types[i])->is_top, !kind->outline);
+        assert_int_equal(kind_find(types[i])->moves, kind->look_at_keys != NULL);
     }
     for (size_t i = 0; i < sizeof foreign / sizeof *foreign; i++)
         assert_null(input_kind_of(foreign[i]));
