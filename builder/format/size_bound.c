@@ -41,24 +41,28 @@ static bool may_be(const struct build_input *input, enum build_quality quality)
     return named == quality || named == QUALITY_UNSPECIFIED || named == QUALITY_AUTO;
 }
 
-/* Returns how many vertices a geometry can have in the structure. */
-static uint64_t vertices_of(const struct build_input *input, const struct geometry *geometry)
+/* Returns the type of geometry that decides what the records are: one that moves, if there is such. */
+static uint32_t type_of(const struct build_input *input)
 {
-    const struct record_kind *kind =
-        record_kind_of(record_content_for(input->type, geometry->type, input->options.layout_flags));
-    return kind->vertices_most ? kind->vertices_most(geometry) : 0;
+    uint32_t type = 0;
+    for (uint32_t i = 0; i < input->geometry_count; i++)
+        if (i == 0 || kind_find(input->geometries[i].type)->moves)
+            type = input->geometries[i].type;
+    return type;
 }
 
 static struct layout_counts count(const struct build_input *input)
 {
     struct layout_counts counts = {.structure_type = input->type,
+                                   .geometry_type = type_of(input),
                                    .geometry_count = input->geometry_count,
                                    .layout_flags = input->options.layout_flags};
+    const struct record_kind *kind =
+        record_kind_of(record_content_for(counts.structure_type, counts.geometry_type, counts.layout_flags));
     for (uint32_t i = 0; i < input->geometry_count; i++) {
         const struct geometry *geometry = &input->geometries[i];
-        counts.geometry_type = geometry->type;
         counts.primitives += geometry->range.primitive_count;
-        counts.vertices += vertices_of(input, geometry);
+        counts.vertices += kind->vertices_most ? kind->vertices_most(geometry) : 0;
     }
     return counts;
 }
