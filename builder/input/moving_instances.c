@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* moving_instances.c - motion instances: records of three types, which stand still or move by a matrix or an SRT. */
+#include <float.h>
 #include <math.h>
 
 #include "builder/input/classification.h"
@@ -206,6 +207,20 @@ static void clamp_all(float *numbers)
         numbers[i] = classification_clamp(numbers[i]);
 }
 
+/*
+ * A side that is clamped at one end is farther away than its box says. It is clamped at both ends then, because between
+ * them it would be too near.
+ */
+static void clamp_together(struct box boxes[2])
+{
+    for (int row = 0; row < 3; row++) {
+        if (fminf(boxes[0].min[row], boxes[1].min[row]) <= -FLT_MAX)
+            boxes[0].min[row] = boxes[1].min[row] = -FLT_MAX;
+        if (fmaxf(boxes[0].max[row], boxes[1].max[row]) >= FLT_MAX)
+            boxes[0].max[row] = boxes[1].max[row] = FLT_MAX;
+    }
+}
+
 static struct classification look_at_keys(const struct canonical *canonical, const struct canonical_geometry *geometry,
                                           uint32_t index, struct box ret_boxes[2])
 {
@@ -226,6 +241,7 @@ static struct classification look_at_keys(const struct canonical *canonical, con
         srt_bounds(motion.start, motion.end, &box, ret_boxes);
     else
         matrix_bounds(&motion, &box, ret_boxes);
+    clamp_together(ret_boxes);
     box_grow(&finding.box, &ret_boxes[0]);
     box_grow(&finding.box, &ret_boxes[1]);
     return finding;
