@@ -36,7 +36,7 @@ struct random_meaning {
     float (*centres)[3];
     float *radii;
     uint8_t *caps;
-    bool moved; /* the corners were transformed, so that their last bit is uncertain */
+    bool moved; /* the corners were computed with, so that their last bit is uncertain */
 };
 
 struct random_kind;

@@ -172,7 +172,7 @@ static float (*mean_corners(const struct random_plan *plan, const unsigned char 
 static void mean(const struct random_plan *plan, struct random_meaning *ret_meaning)
 {
     ret_meaning->count = plan->count;
-    ret_meaning->moved = plan->matrix != NULL;
+    ret_meaning->moved |= plan->matrix != NULL;
     ret_meaning->corners = mean_corners(plan, plan->vertices);
     ret_meaning->end_corners = plan->end_vertices ? mean_corners(plan, plan->end_vertices) : NULL;
 }
@@ -243,6 +243,8 @@ static void make_moving(struct random_input *input, uint32_t index, uint32_t cou
     make_any(input, index, count, moves, random);
     if (moves)
         input->geometries[index].type = GEOMETRY_MOVING_TRIANGLES;
+    else
+        input->meanings[index].moved = true; /* a place between two equal ones is rounded, too */
 }
 
 static bool vertex_is_number(const struct random_plan *plan, const unsigned char *vertices, uint32_t vertex)
