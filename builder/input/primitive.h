@@ -10,11 +10,16 @@
  * degenerate primitives (triangles of zero area, spheres without a radius, linear swept spheres without one or of which
  * an end without a cap swallows the rest, instances of an empty structure), triangles with infinite corners, spheres
  * and linear swept spheres with infinite centres or radii, and instances with an infinite transform. AABBs that are
- * points stay. Infinite coordinates that are kept are clamped to the largest float.
+ * points stay. Infinite coordinates that are kept are clamped to the largest float. What moves is treated so if one of
+ * both ends is so; but motion triangles are degenerate only where rounding cannot give them an area between the ends:
+ * two corners are one at both, or all are on a line along an axis.
  *
  * Boxes of triangles and AABBs are exact, those of spheres and linear swept spheres are in swept_shape.h. The box of an
  * instance is the box of its reference's bounds under the transform, cut to the transformed slabs (outline.h), computed
- * in double and rounded outward; for an empty structure it is the point that the transform's translation gives.
+ * in double and rounded outward; for an empty structure it is the point that the transform's translation gives. What
+ * moves has a box at each end, between which that of another time is interpolated: exact ones of motion triangles, and
+ * of motion instances boxes that are larger by what rounding may take (srt_bounds.h says how SRTs are bounded). Its ref
+ * has the box of both.
  */
 #ifndef BVHD_PRIMITIVE_H
 #define BVHD_PRIMITIVE_H

@@ -58,13 +58,16 @@ static const float smallest_area = 0x1p-100f;
 
 void collapse_table_init(struct collapse_table *table, const struct ir *ir, const struct collapse_options *options)
 {
+    struct box all = ir->boxes[0][0];
+    for (uint32_t key = 1; key < ir->key_count; key++)
+        box_grow(&all, &ir->boxes[key][0]);
     *table = (struct collapse_table){
         .ir = ir,
         .leaf_max = options->leaf_max,
         .order_rounds = options->quick_order ? 1 : OCTANTS_ROUNDS,
         .leaf_cost = options->leaf_cost,
         .node_cost = (float)(COLLAPSE_NODE_SHARE / (ir->ref_count + 1.0)),
-        .scale = scale_for(&ir->boxes[0][0]),
+        .scale = scale_for(&all),
         .inverse = 1,
     };
     float root = measure(table, 0);

@@ -75,6 +75,10 @@ static void a_flat_grid(void **state)
         canonical.flags = i % 2 ? BUILD_ALLOW_UPDATE : BUILD_LOW_MEMORY;
         facts_gather(&canonical, &facts);
         assert_false(facts.can_split);
+        canonical.flags = BUILD_MOTION;
+        geometry.type = GEOMETRY_MOVING_TRIANGLES;
+        facts_gather(&canonical, &facts);
+        assert_false(facts.can_split);
         free((void *)(uintptr_t)geometry.positions);
     }
 }

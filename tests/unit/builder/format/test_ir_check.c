@@ -277,6 +277,36 @@ static void failing_allocations_leave_nothing(void **state)
     finish(&fixture);
 }
 
+/* A second key is checked as the first one is, and counts in the cost as much. */
+static void both_keys_are_checked(void **state)
+{
+    (void)state;
+    struct fixture f;
+    struct box boxes[80];
+    struct bvhd_error error;
+    start(&f, 0);
+    const size_t size = f.ir.node_count * sizeof *f.ir.boxes[0];
+    const double sah = ir_sah(&f.ir), cost = ir_cost(&f.ir, 0, f.ir.node_count);
+    f.ir.boxes[1] = memory_alloc(&f.memory, size);
+    assert_non_null(f.ir.boxes[1]);
+    memcpy(f.ir.boxes[1], f.ir.boxes[0], size);
+    f.ir.key_count = 2;
+    memcpy(boxes, f.model.boxes, sizeof boxes / 2);
+    memcpy(boxes + 40, f.model.boxes, sizeof boxes / 2);
+    assert_int_equal(ir_check(&f.ir, 40, boxes, false, &f.memory, &error), BVHD_OK);
+    assert_true(fabs(ir_sah(&f.ir) - sah) < 1e-12 * sah);
+    assert_true(fabs(ir_cost(&f.ir, 0, f.ir.node_count) - 2 * cost) < 1e-12 * cost);
+    const uint32_t leaf = first_leaf(&f.ir), inner = last_inner(&f.ir);
+    boxes[40 + f.ir.refs[f.ir.nodes[leaf].first]].max[1] += 1000;
+    assert_int_equal(ir_check(&f.ir, 40, boxes, false, &f.memory, &error), BVHD_INTERNAL);
+    assert_string_equal(error.text, "the leaf's box does not hold a primitive");
+    f.ir.boxes[1][inner].min[2] += 1000;
+    f.ir.boxes[1][inner].max[2] += 1000;
+    assert_int_equal(ir_check(&f.ir, 40, NULL, false, &f.memory, &error), BVHD_INTERNAL);
+    assert_string_equal(error.text, "the box does not hold a child's box");
+    finish(&f);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -286,6 +316,7 @@ int main(void)
         cmocka_unit_test(splits_are_allowed_when_told),
         cmocka_unit_test(the_empty_tree),
         cmocka_unit_test(sah_and_depth_are_as_by_recursion),
+        cmocka_unit_test(both_keys_are_checked),
         cmocka_unit_test(failing_allocations_leave_nothing),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

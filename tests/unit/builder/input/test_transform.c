@@ -71,12 +71,46 @@ static void there_is_one_nan(void **state)
     assert_int_equal(bits_of(transform_nan()), 0x7fc00000);
 }
 
+/* The bounds hold all corners of the box, and are no larger than rounding needs. */
+static void bounds_hold_the_corners(void **state)
+{
+    (void)state;
+    struct random random = {4};
+    for (int i = 0; i < 20000; i++) {
+        const double scale = ldexp(1, (int)(random_next(&random) % 200) - 100);
+        struct box box = box_empty();
+        double matrix[12], min[3], max[3];
+        for (int k = 0; k < 12; k++)
+            matrix[k] = scale * random_between(&random, -1, 1);
+        for (int k = 0; k < 2; k++) {
+            double point[3];
+            random_point(&random, point);
+            const float corner[3] = {(float)point[0], (float)point[1], (float)point[2]};
+            box_add_point(&box, corner);
+        }
+        transform_bounds(matrix, &box, min, max);
+        for (int row = 0; row < 3; row++) {
+            long double low = INFINITY, high = -INFINITY;
+            for (int corner = 0; corner < 8; corner++) {
+                long double x = matrix[4 * row + 3];
+                for (int axis = 0; axis < 3; axis++)
+                    x += (long double)matrix[4 * row + axis] * (corner >> axis & 1 ? box.max[axis] : box.min[axis]);
+                low = fminl(low, x);
+                high = fmaxl(high, x);
+            }
+            assert_true(min[row] <= low && max[row] >= high);
+            assert_true(low - min[row] < 1e-13L * scale && max[row] - high < 1e-13L * scale);
+        }
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(rows_are_summed_in_double),
         cmocka_unit_test(identity_is_recognised),
         cmocka_unit_test(there_is_one_nan),
+        cmocka_unit_test(bounds_hold_the_corners),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -398,6 +398,13 @@ static void edges_are_legal(void **state)
                        BUILD_ALLOW_DATA_ACCESS;
     test.input.source = 7; /* a build ignores it */
     accept(&test, "triangles");
+    inputs_mixed_triangles(&test);
+    accept(&test, "motion triangles beside others");
+    inputs_triangles(&test);
+    test.input.flags = BUILD_MOTION;
+    accept(&test, "the flag MOTION for triangles that stand still");
+    inputs_motion_instances(&test);
+    accept(&test, "motion instances");
 }
 
 /* The UUIDs of a native target may have any value, because the device's driver chooses them. */

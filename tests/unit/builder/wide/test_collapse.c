@@ -263,6 +263,39 @@ static void every_size_keeps_the_invariants(void **state)
     assert_int_equal(memory.live, 0);
 }
 
+/* The boxes of one key may be far larger than those of the other: then it decides, as if it were alone. */
+static void keys_differ_in_scale(void **state)
+{
+    (void)state;
+    struct memory memory;
+    memory_init(&memory, UINT64_MAX);
+    for (int large = 0; large < 2; large++) {
+        struct ir ir;
+        struct wide alone, wide;
+        make_cloud(2000, 3, 6, &memory, &ir);
+        assert_int_equal(collapse(&ir, &options, &memory, &parallel_serial, &alone, NULL), BVHD_OK);
+        ir.boxes[1] = memory_array(&memory, ir.node_count, sizeof *ir.boxes[1]);
+        assert_non_null(ir.boxes[1]);
+        for (uint32_t node = 0; node < ir.node_count; node++)
+            for (int axis = 0; axis < 3; axis++) {
+                const float min = ir.boxes[0][node].min[axis], max = ir.boxes[0][node].max[axis];
+                ir.boxes[large][node].min[axis] = min * 0x1p100f;
+                ir.boxes[large][node].max[axis] = max * 0x1p100f;
+                ir.boxes[!large][node].min[axis] = min * 0x1p-20f;
+                ir.boxes[!large][node].max[axis] = max * 0x1p-20f;
+            }
+        ir.key_count = 2;
+        assert_int_equal(collapse(&ir, &options, &memory, &parallel_serial, &wide, NULL), BVHD_OK);
+        check_order(&wide);
+        check_cover(&ir, &wide, 3);
+        assert_int_equal(wide.node_count, alone.node_count);
+        wide_finish(&wide);
+        wide_finish(&alone);
+        ir_finish(&ir);
+    }
+    assert_int_equal(memory.live, 0);
+}
+
 static void empty_gives_empty(void **state)
 {
     (void)state;
@@ -469,6 +502,7 @@ int main(void)
         cmocka_unit_test(cost_is_the_least),
         cmocka_unit_test(scalar_costs_are_the_same_bits),
         cmocka_unit_test(every_size_keeps_the_invariants),
+        cmocka_unit_test(keys_differ_in_scale),
         cmocka_unit_test(empty_gives_empty),
         cmocka_unit_test(one_leaf_gives_one_node),
         cmocka_unit_test(threads_do_not_matter),
