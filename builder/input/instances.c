@@ -24,11 +24,12 @@ enum bvhd_status instances_check_memory(const struct validate_subject *subject)
 {
     const struct bytes *records = &subject->geometry->instances.records;
     const struct geometry_range *range = &subject->geometry->range;
-    const uint64_t size = kind_find(subject->geometry->type)->primitive_bytes;
+    const uint64_t stride = kind_find(subject->geometry->type)->primitive_bytes;
+    const uint64_t size = subject->geometry->type == GEOMETRY_MOVING_INSTANCES ? MOTION_RECORD_SIZE : stride;
     if (range->primitive_offset % 16 != 0)
         return bvhd_error_rule(subject->error, BVHD_VUID_03660, VALIDATE_RANGE_PLACE(subject, "primitiveOffset"),
                                "%u is no multiple of 16", range->primitive_offset);
-    if (range->primitive_count > 0 && (!records->data || !bytes_reach(records->size, range->primitive_offset, size,
+    if (range->primitive_count > 0 && (!records->data || !bytes_reach(records->size, range->primitive_offset, stride,
                                                                       range->primitive_count - 1, size)))
         return validate_refuse_memory(subject, BVHD_VUID_03778, "instances.data", records, "instances");
     return BVHD_OK;

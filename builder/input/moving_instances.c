@@ -52,6 +52,15 @@ static bool is_valid(const unsigned char *record)
            (!instances_are_active(fields) || find_singular(record) == 2);
 }
 
+/* Copies records, of which the last one of the geometry ends before its stride does. */
+static void copy_records(const unsigned char *source, uint32_t count, bool with_last, unsigned char *records)
+{
+    enum { PADDING = MOTION_RECORD_STRIDE - MOTION_RECORD_SIZE };
+    const size_t size = (size_t)MOTION_RECORD_STRIDE * count;
+    memcpy(records, source, size - (with_last ? PADDING : 0));
+    memset(records + size - PADDING, 0, with_last ? PADDING : 0);
+}
+
 /* Clears what a record has behind the fields that its type uses. A record of no type stays as it is, for `finish`. */
 static void take_records(struct fetch *fetch, unsigned char *records, uint32_t first, uint32_t count)
 {
@@ -80,7 +89,8 @@ static void fetch_records(struct fetch *fetch, uint32_t index, uint32_t first, u
     for (uint32_t at = 0; at < count; at += BLOCK) {
         const uint32_t some = count - at < BLOCK ? count - at : BLOCK;
         unsigned char *records = target + (size_t)MOTION_RECORD_STRIDE * at;
-        memcpy(records, source + (size_t)MOTION_RECORD_STRIDE * at, (size_t)MOTION_RECORD_STRIDE * some);
+        copy_records(source + (size_t)MOTION_RECORD_STRIDE * at, some,
+                     first + at + some == geometry->range.primitive_count, records);
         fetch_settle();
         take_records(fetch, records, first + at, some);
     }
