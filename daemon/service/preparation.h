@@ -59,8 +59,8 @@ uint64_t preparation_guess(const struct control_item *item);
 uint64_t preparation_guess_build(const struct control_item *item);
 
 /*
- * Estimates the most bytes that a build takes at a time, without its canonical copy. vertex_bytes: those of all vertices
- * of the result. high: the quality is high. moves: the structure has places at t = 0 and at t = 1.
+ * Estimates the most bytes that a build takes at a time, without its canonical copy. vertex_bytes: those of all
+ * vertices of the result. high: the quality is high. moves: the structure has places at t = 0 and at t = 1.
  */
 uint64_t preparation_build_bytes(uint64_t primitives, uint64_t vertex_bytes, bool high, bool moves);
 
