@@ -176,20 +176,23 @@ static uint8_t build_kind(void)
 }
 
 /*
- * Samples are one message of each kind, and 24 builds: four of each kind of geometry, and four of all. Most mutations
+ * Samples are one message of each kind, and 32 builds: four of each kind of geometry, and four of all. Most mutations
  * should be of builds, because most can go wrong there.
  */
 size_t fuzz_sample(uint32_t index, uint8_t *ret_bytes)
 {
-    enum { KINDS = 5 };
-    static struct test_input triangles, boxes, instances, spheres, swept_spheres;
-    static const struct build_input *const all[KINDS] = {&triangles.input, &boxes.input, &instances.input,
-                                                         &spheres.input, &swept_spheres.input};
+    enum { KINDS = 7 };
+    static struct test_input triangles, boxes, instances, spheres, swept_spheres, moving_triangles, moving_instances;
+    static const struct build_input *const all[KINDS] = {
+        &triangles.input,        &boxes.input,           &instances.input, &spheres.input, &swept_spheres.input,
+        &moving_triangles.input, &moving_instances.input};
     inputs_triangles(&triangles);
     inputs_aabbs(&boxes);
     inputs_instances(&instances);
     inputs_spheres(&spheres);
     inputs_swept_spheres(&swept_spheres);
+    inputs_mixed_triangles(&moving_triangles);
+    inputs_motion_instances(&moving_instances);
     if (index < MESSAGES_KINDS)
         return message_sample((uint8_t)index, ret_bytes);
     index -= MESSAGES_KINDS;

@@ -364,10 +364,11 @@ static void add_questions(struct program *program, uint8_t flags)
 size_t fuzz_sample(uint32_t index, uint8_t *ret_bytes)
 {
     static const enum control_source sources[] = {SOURCE_INLINE, SOURCE_MEMFD, SOURCE_POOL};
-    enum { KINDS = 5, WAYS = 3 * KINDS };
-    static struct test_input triangles, boxes, instances, spheres, swept_spheres;
-    struct build_input *inputs[KINDS] = {&triangles.input, &boxes.input, &instances.input, &spheres.input,
-                                         &swept_spheres.input};
+    enum { KINDS = 7, WAYS = 3 * KINDS };
+    static struct test_input triangles, boxes, instances, spheres, swept_spheres, moving_triangles, moving_instances;
+    struct build_input *inputs[KINDS] = {&triangles.input,       &boxes.input,         &instances.input,
+                                         &spheres.input,         &swept_spheres.input, &moving_triangles.input,
+                                         &moving_instances.input};
     struct program program = {ret_bytes, 0};
     if (index >= 2 * WAYS)
         return 0;
@@ -376,6 +377,8 @@ size_t fuzz_sample(uint32_t index, uint8_t *ret_bytes)
     inputs_instances(&instances);
     inputs_spheres(&spheres);
     inputs_swept_spheres(&swept_spheres);
+    inputs_mixed_triangles(&moving_triangles);
+    inputs_motion_instances(&moving_instances);
     struct build_input **own = &inputs[index % KINDS];
     struct way way = {
         .source = sources[index / KINDS % 3], .request = 1, .target = index < WAYS ? TARGET_PORTABLE : TARGET_LAVAPIPE};

@@ -49,20 +49,30 @@ static uint64_t odd_value(struct wrong_frames *wrong)
 
 /* ---- payloads ---- */
 
-/* The kinds of geometry, bytes of their primitives without indices, and strides. */
+/*
+ * The kinds of geometry, bytes of their primitives without indices, and strides. Kinds of top levels have their
+ * reference somewhere in these bytes.
+ */
 static const struct kind_bytes {
     uint32_t type;
     uint64_t each, stride;
+    uint32_t reference; /* 0: none */
+    uint32_t flags; /* that the build needs */
 } kinds[] = {
-    {GEOMETRY_TRIANGLES, 36, 12}, {GEOMETRY_AABBS, 24, 24},         {GEOMETRY_INSTANCES, 64, 0},
-    {GEOMETRY_SPHERES, 16, 16},   {GEOMETRY_SWEPT_SPHERES, 32, 16},
+    {GEOMETRY_TRIANGLES, 36, 12, 0, 0},
+    {GEOMETRY_AABBS, 24, 24, 0, 0},
+    {GEOMETRY_INSTANCES, 64, 0, 56, 0},
+    {GEOMETRY_SPHERES, 16, 16, 0, 0},
+    {GEOMETRY_SWEPT_SPHERES, 32, 16, 0, 0},
+    {GEOMETRY_MOVING_TRIANGLES, 36, 12, 0, BUILD_MOTION},
+    {GEOMETRY_MOVING_INSTANCES, 160, 0, 64, BUILD_MOTION},
 };
 enum { KINDS = sizeof kinds / sizeof *kinds };
 
 /* Writes the valid rows and data of one geometry of this kind. Returns their size in bytes. */
 static uint64_t write_payload(struct wrong_frames *wrong, const struct kind_bytes *kind, unsigned char *at)
 {
-    uint32_t count = (uint32_t)wrong_below(wrong, 60) + 1, references = kind->type == GEOMETRY_INSTANCES ? 4 : 0;
+    uint32_t count = (uint32_t)wrong_below(wrong, 60) + 1, references = kind->reference ? 4 : 0;
     uint64_t data = ROWS_GEOMETRY_SIZE + references * ROWS_REFERENCE_SIZE, each = kind->each;
     struct geometry_row row = {.type = kind->type, .primitive_count = count, .data = {data, count * each}};
     row.vertex_format = 106;
@@ -72,6 +82,7 @@ static uint64_t write_payload(struct wrong_frames *wrong, const struct kind_byte
     row.radius_format = RADIUS_FLOAT32;
     row.end_caps_mode = count % 2;
     row.radii = (struct row_span){data + 12, count * each - 12};
+    row.end_positions = row.data;
     memcpy(at, &row, sizeof row);
     for (uint32_t i = 0; i < references; i++) {
         struct reference_row reference = {.handle = i + 1, .kind = REFERENCE_BLAS, .bounds = {0, 0, 0, 1, 1, 1}};
@@ -81,8 +92,11 @@ static uint64_t write_payload(struct wrong_frames *wrong, const struct kind_byte
         float value = (float)wrong_below(wrong, 1000) / 16.0f;
         memcpy(at + data + i, &value, sizeof value);
     }
-    for (uint32_t i = 0; references > 0 && i < count; i++)
-        bytes_put64(at + data + i * each + 56, i % references + 1);
+    for (uint32_t i = 0; references > 0 && i < count; i++) {
+        if (kind->type == GEOMETRY_MOVING_INSTANCES)
+            bytes_put64(at + data + i * each, MOTION_STATIC); /* and flags of 0 */
+        bytes_put64(at + data + i * each + kind->reference, i % references + 1);
+    }
     return data + count * each;
 }
 
@@ -132,9 +146,10 @@ static struct control_item make_item(struct wrong_frames *wrong, enum control_so
             spoil_payload(wrong, place_of(wrong, source) + offset, size);
     }
     struct control_item item = raw_item(offset, size, source);
-    item.type = kind->type == GEOMETRY_INSTANCES ? STRUCTURE_TOP : STRUCTURE_BOTTOM;
+    item.type = kind->reference ? STRUCTURE_TOP : STRUCTURE_BOTTOM;
+    item.flags = kind->flags;
     item.geometry_size = ROWS_GEOMETRY_SIZE;
-    item.reference_count = kind->type == GEOMETRY_INSTANCES ? 4 : 0;
+    item.reference_count = kind->reference ? 4 : 0;
     item.quality = (uint32_t)wrong_below(wrong, 5);
     item.destination = one_in(wrong, 4) ? wrong_below(wrong, 3) : 0;
     if (one_in(wrong, 3))
