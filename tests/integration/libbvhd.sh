@@ -185,6 +185,14 @@ for link in "$(pkg --libs)" "$static_flags"; do
     expect_quietly "rays hit hairs: $(tail -n 1 hair)" grep -qx '286 of 1536 rays hit a hair' hair
 done
 
+# A wing that moves, at sixteen times.
+for link in "$(pkg --libs)" "$static_flags"; do
+    expect_quietly "trace_motion.c $link" $compiler -std=c99 -pedantic -Wall -Wextra -Wconversion -Werror \
+        "$source/client/examples/trace_motion.c" -o trace_motion $(pkg --cflags) $link
+    ./trace_motion >motion 2>&1
+    expect_quietly "rays hit the wing: $(tail -n 1 motion)" grep -qx '960 of 24576 rays hit the wing' motion
+done
+
 # The loop of updates, of which docs/library.md has the functions that update.
 sed -n '/^## Updates$/,/^## /s/^    //p' "$source/docs/library.md" >quoted
 sed -n '/^\/\* Makes the structure of the vertices/,/^int main/{/^int main/!{/^$/!p}}' \
@@ -209,6 +217,7 @@ expect_quietly 'the bytes, with a daemon' sh -c './bytes >served.as && cmp alone
 expect_quietly 'the daemon has built' sh -c "'$prefix/bin/bvhctl' stats | grep -Eq '^builds_done +1$'"
 expect_quietly 'the loop of updates is the same with a daemon' sh -c './update_loop >served && cmp loop served'
 expect_quietly 'hairs are the same with a daemon' sh -c './trace_hair >served && cmp hair served'
+expect_quietly 'what moves is the same with a daemon' sh -c './trace_motion >served && cmp motion served'
 expect_quietly 'the daemon has updated' sh -c "'$prefix/bin/bvhctl' stats | grep -Eq '^refits_done +[1-9]'"
 kill "$daemon"
 wait "$daemon"

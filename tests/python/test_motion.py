@@ -105,5 +105,72 @@ class DescriptionTest(unittest.TestCase):
             bvhd.TopLevel(one, transforms=np.eye(4), end_transforms=np.eye(4))
 
 
+class MotionTest(unittest.TestCase):
+    def setUp(self):
+        self.client = bvhd.Client(local=bvhd.Local.ALWAYS)
+        self.addCleanup(self.client.close)
+
+    def distances(self, structures, points, times):
+        """How far rays from z = 9 go at these times: downwards through the points (x, y)."""
+        origins = np.column_stack([np.atleast_2d(points), np.full(len(np.atleast_2d(points)), 9)])
+        rays = bvhd.cpu.rays(origins, [0, 0, -1], times=times)
+        return bvhd.cpu.Scene(structures).closest_hit(rays)["t"]
+
+    def test_triangles(self):
+        flat = np.array([[-1, -1, 0], [1, -1, 0], [0, 1, 0]], np.float32)
+        up = np.array([0, 0, 4], np.float32)
+        rising = self.client.build(bvhd.Triangles(flat, end_vertices=flat + up))
+        times = np.array([0, 0.25, 0.5, 1], np.float32)
+        np.testing.assert_allclose(
+            self.distances([rising], np.zeros((4, 2)), times), 9 - 4 * times, rtol=1e-6
+        )
+        still = bvhd.Triangles(flat + np.array([5, 0, 0], np.float32))
+        passing = bvhd.Triangles(flat, end_vertices=flat + np.array([10, 0, 0], np.float32))
+        both = self.client.build(bvhd.BottomLevel([still, passing]))
+        hits = self.distances([both], [[0, 0], [0, 0], [5, 0], [5, 0], [10, 0]], [0, 1, 0, 0.5, 1])
+        self.assertEqual(np.isfinite(hits).tolist(), [True, False, True, True, True])
+
+    def test_instances(self):
+        flat = np.array([[0, -1, 0], [4, -1, 0], [4, 1, 0], [0, 1, 0]], np.float32)
+        faces = [[0, 1, 2], [0, 2, 3]]
+        bar = self.client.build(bvhd.Triangles(flat, faces))
+        end = np.eye(3, 4)
+        end[2, 3] = 4
+        rising = self.client.build(bvhd.TopLevel([bar], end_transforms=end))
+        times = np.array([0, 0.25, 0.5, 1], np.float32)
+        points = np.full((4, 2), 0.5)
+        np.testing.assert_allclose(
+            self.distances([bar, rising], points, times), 9 - 4 * times, rtol=1e-6
+        )
+        half = np.sqrt(0.5)
+        turned = self.client.build(
+            bvhd.TopLevel([bar], transforms=srt(), end_transforms=srt(qz=1, qw=0))
+        )
+        turns = ((3, 0, 0), (3, 0, 1), (-3, 0, 1), (0, 3, 0.5), (3 * half, 3 * half, 0.5))
+        hits = self.distances([bar, turned], [turn[:2] for turn in turns], [t for *_, t in turns])
+        self.assertEqual(np.isfinite(hits).tolist(), [True, False, True, True, False])
+
+    def test_levels(self):
+        """A top level whose instances stand still, over a structure that moves."""
+        flat = np.array([[-1, -1, 0], [1, -1, 0], [0, 1, 0]], np.float32)
+        rising = bvhd.Triangles(flat, end_vertices=flat + np.array([0, 0, 4], np.float32))
+        below = bvhd.BottomLevel([rising])
+        top = bvhd.TopLevel([below], flags=bvhd.BuildFlags.MOTION)
+        results = self.client.build([below, top])
+        np.testing.assert_allclose(
+            self.distances(results, np.zeros((2, 2)), [0.5, 1]), [7, 5], rtol=1e-6
+        )
+
+    def test_what_the_library_refuses(self):
+        bottom = bvhd.BottomLevel([bvhd.Triangles(CORNERS, FACES, end_vertices=CORNERS)])
+        object.__setattr__(bottom, "flags", bvhd.BuildFlags.NONE)
+        with self.assertRaises(bvhd.Error) as raised:
+            self.client.build(bottom)
+        self.assertEqual(raised.exception.status, bvhd.Status.INVALID)
+        self.assertEqual(
+            raised.exception.vuid, "VUID-VkAccelerationStructureCreateInfoKHR-flags-04955"
+        )
+
+
 if __name__ == "__main__":
     unittest.main()

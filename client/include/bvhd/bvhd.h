@@ -314,7 +314,7 @@ struct bvhd_build {
 
 /*
  * Requests the structures infos[0 .. info_count) and returns without waiting for them. Geometry may also be spheres and
- * linear swept spheres, whose structs are in <bvhd/vulkan_nv.h>, too.
+ * linear swept spheres (<bvhd/vulkan_nv.h>), and it may move (VK_NV_ray_tracing_motion_blur).
  *
  * Everything that the structs point to, except geometry memory, is copied before this call returns. Geometry memory
  * (vertices, radii, indices, boxes, transforms, instances) must stay readable and unchanged until bvhd_batch_is_copied
