@@ -8,6 +8,7 @@
 #define BVHD_AVX2_WALK_H
 
 #include "builder/traverse/boxtest_setup.h"
+#include "builder/traverse/motion.h"
 #include "builder/traverse/traverse_walk.h"
 #include "builder/traverse/triangle_avx2.h"
 
@@ -25,6 +26,10 @@ struct avx2_walk {
     struct boxtest_scales scales; /* for unpacked nodes */
     struct triangle_avx2_ray triangles;
     bool has_triangles; /* `triangles` and the state's triangle_ray are prepared */
+    /* Only of motion triangles, which have these instead of `unpacked`: */
+    const struct unpacked_moving_node *moving_nodes;
+    const struct unpacked_moving_triangle *moving_triangles;
+    struct motion_weights at;
 };
 
 /*
@@ -139,6 +144,32 @@ bool avx2_walk_on_any(struct avx2_walk *walk, struct avx2_cursor *cursor);
 /* Walk an unpacked structure from a child on. */
 void avx2_walk_closest(struct avx2_walk *walk, uint32_t child);
 void avx2_walk_any(struct avx2_walk *walk, uint32_t node);
+
+/* Do the same with motion triangles (moving_avx2.c). */
+void moving_walk_closest(struct avx2_walk *walk, uint32_t child);
+void moving_walk_any(struct avx2_walk *walk, uint32_t node);
+
+/*
+ * Prepares a ray for unpacked motion triangles. The state has its triangle_ray. Returns false if boxes have to be
+ * tested in another way.
+ */
+bool moving_walk_init(struct avx2_walk *walk, struct traverse_state *state, const struct portable_view *view,
+                      const struct unpacked_node *unpacked);
+
+/* Returns planes of a moving node at a time; boxtest_moving.h has the bound of their error. */
+BOXTEST_AVX2_INLINE __m256 moving_planes_at(const struct unpacked_moving_node *node, uint32_t offset, __m256 time)
+{
+    const __m256 moved = unpacked_planes_at(&node->start, offset + (uint32_t)sizeof node->start);
+    return _mm256_fmadd_ps(moved, time, unpacked_planes_at(&node->start, offset));
+}
+
+/* Returns a corner at a time, with the operations of motion_number(); the fourth lane is unused. */
+BOXTEST_AVX2_INLINE __m128 moving_corner_at(const struct unpacked_moving_triangle *triangle, int k,
+                                            struct motion_weights at)
+{
+    return _mm_add_ps(_mm_mul_ps(_mm_loadu_ps(triangle->start[k]), _mm_set1_ps(at.start)),
+                      _mm_mul_ps(_mm_loadu_ps(triangle->end[k]), _mm_set1_ps(at.end)));
+}
 
 #endif
 #endif

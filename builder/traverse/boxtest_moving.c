@@ -1,23 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "builder/traverse/boxtest_moving.h"
 
-/*
- * The terms of the slack of boxtest_moving.h: 8u of the largest coordinate, and what numbers lose that underflow. The
- * added thousandth covers the rounding of the sums.
- */
-static const double moving_error = 1.001 * 0x1p-21, moving_underflow = 0x1p-146;
-
-/* Returns by how much planes and vertices may be off along an axis, in length. */
-static double moved_at(const float bounds[6], int axis)
-{
-    return moving_error * fmax(fabs((double)bounds[axis]), fabs((double)bounds[3 + axis])) + moving_underflow;
-}
-
 /* A common slack of FLT_MAX, of a parallel axis, stays what it is. The double of the others has 8u R more. */
 void boxtest_widen(struct boxtest_ray *ray, const float bounds[6])
 {
     for (int axis = 0; axis < 3; axis++) {
-        const double moved = moved_at(bounds, axis), in_t = moved * fabs((double)ray->inverse[axis]) * 1.001;
+        const double moved = boxtest_moved(bounds, axis), in_t = moved * fabs((double)ray->inverse[axis]) * 1.001;
         if (ray->parallel_axes >> axis & 1) {
             ray->parallel_slack[axis] = (float)(1.001 * (ray->parallel_slack[axis] + moved));
             continue;
@@ -30,7 +18,7 @@ void boxtest_widen(struct boxtest_ray *ray, const float bounds[6])
 void boxtest_widen_exact(struct boxtest_exact *ray, const float bounds[6])
 {
     for (int axis = 0; axis < 3; axis++) {
-        const double moved = moved_at(bounds, axis);
+        const double moved = boxtest_moved(bounds, axis);
         if (ray->parallel_axes >> axis & 1)
             ray->parallel_slack[axis] += moved;
         else

@@ -34,6 +34,18 @@ struct boxtest_moving_exact {
     struct motion_weights at;
 };
 
+/*
+ * The terms of the slack: 8u of the largest coordinate, and what numbers lose that underflow. The added thousandth
+ * covers the rounding of the sums.
+ */
+static const double moving_error = 1.001 * 0x1p-21, moving_underflow = 0x1p-146;
+
+/* Returns by how much planes and vertices may be off along an axis of a structure with these bounds, in length. */
+static inline double boxtest_moved(const float bounds[6], int axis)
+{
+    return moving_error * fmax(fabs((double)bounds[axis]), fabs((double)bounds[3 + axis])) + moving_underflow;
+}
+
 /* Widen the slack of a ray that has been prepared for a structure with these bounds, to that of one that moves. */
 void boxtest_widen(struct boxtest_ray *ray, const float bounds[6]);
 void boxtest_widen_exact(struct boxtest_exact *ray, const float bounds[6]);

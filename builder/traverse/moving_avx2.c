@@ -9,77 +9,54 @@
 
 #ifdef BOXTEST_AVX2
 
-/* One ray through motion triangles. */
-struct moving_walk {
-    struct avx2_walk walk; /* its unpacked nodes are not used */
-    const struct unpacked_moving_node *nodes;
-    const struct unpacked_moving_triangle *triangles;
-    struct motion_weights at;
-};
-
-/* Returns planes of a node at the ray's time; boxtest_moving.h has the bound of their error. */
-BOXTEST_AVX2_INLINE __m256 planes_at(const struct unpacked_moving_node *node, uint32_t offset, __m256 time)
-{
-    const __m256 moved = unpacked_planes_at(&node->start, offset + (uint32_t)sizeof node->start);
-    return _mm256_fmadd_ps(moved, time, unpacked_planes_at(&node->start, offset));
-}
-
 /* Does for a moving node what boxtest_beside_unpacked() does. */
-BOXTEST_AVX2 __attribute__((noinline)) static unsigned beside(const struct moving_walk *moving,
+BOXTEST_AVX2 __attribute__((noinline)) static unsigned beside(const struct avx2_walk *walk,
                                                               const struct unpacked_moving_node *node, unsigned hits)
 {
     struct unpacked_node still;
-    const __m256 time = _mm256_broadcast_ss(&moving->at.end);
+    const __m256 time = _mm256_broadcast_ss(&walk->at.end);
     for (int plane = 0; plane < 6; plane++)
-        _mm256_storeu_ps(still.planes[plane], planes_at(node, (uint32_t)(plane * sizeof still.planes[0]), time));
-    return boxtest_beside_unpacked(&moving->walk.boxes, &still, hits);
+        _mm256_storeu_ps(still.planes[plane], moving_planes_at(node, (uint32_t)(plane * sizeof still.planes[0]), time));
+    return boxtest_beside_unpacked(&walk->boxes, &still, hits);
 }
 
 /* Does for a moving node what kernel_unpacked() does, with parallel axes. */
-BOXTEST_AVX2_INLINE unsigned test_moving(const struct moving_walk *moving, const struct unpacked_moving_node *node,
+BOXTEST_AVX2_INLINE unsigned test_moving(const struct avx2_walk *walk, const struct unpacked_moving_node *node,
                                          uint32_t ret_near[8])
 {
-    const struct boxtest_ray *ray = &moving->walk.boxes;
-    const struct boxtest_scales *scales = &moving->walk.scales;
-    const __m256 time = _mm256_broadcast_ss(&moving->at.end);
+    const struct boxtest_ray *ray = &walk->boxes;
+    const struct boxtest_scales *scales = &walk->scales;
+    const __m256 time = _mm256_broadcast_ss(&walk->at.end);
     __m256i near[3], far[3];
     for (int axis = 0; axis < 3; axis++) {
         const __m256 origin = _mm256_broadcast_ss(&ray->origin[axis]), slack = _mm256_broadcast_ss(&ray->slack[axis]);
-        const __m256 first = _mm256_sub_ps(planes_at(node, scales->near_at[axis], time), origin),
-                     last = _mm256_sub_ps(planes_at(node, scales->far_at[axis], time), origin);
+        const __m256 first = _mm256_sub_ps(moving_planes_at(node, scales->near_at[axis], time), origin),
+                     last = _mm256_sub_ps(moving_planes_at(node, scales->far_at[axis], time), origin);
         near[axis] = _mm256_castps_si256(_mm256_fmsub_ps(first, _mm256_broadcast_ss(&scales->inner[axis]), slack));
         far[axis] = _mm256_castps_si256(_mm256_fmadd_ps(last, _mm256_broadcast_ss(&scales->outer[axis]), slack));
     }
     const __m256i tmin = _mm256_castps_si256(_mm256_set1_ps(ray->tmin)),
-                  tmax = _mm256_castps_si256(_mm256_broadcast_ss(&moving->walk.state->tmax_above));
+                  tmax = _mm256_castps_si256(_mm256_broadcast_ss(&walk->state->tmax_above));
     const __m256i first = _mm256_max_epi32(_mm256_max_epi32(near[0], near[1]), _mm256_max_epi32(near[2], tmin)),
                   last = _mm256_min_epi32(_mm256_min_epi32(far[0], far[1]), _mm256_min_epi32(far[2], tmax));
     _mm256_storeu_si256((__m256i *)(void *)ret_near, first);
     const unsigned hits =
         (unsigned)_mm256_movemask_ps(_mm256_cmp_ps(_mm256_castsi256_ps(first), _mm256_castsi256_ps(last), _CMP_LE_OQ));
-    return __builtin_expect(ray->parallel_axes != 0, 0) ? beside(moving, node, hits) : hits;
-}
-
-/* Returns a corner at the ray's time, with the operations of motion_number(); the fourth lane is unused. */
-BOXTEST_AVX2_INLINE __m128 corner_at(const float start[3], const float end[3], struct motion_weights at)
-{
-    return _mm_add_ps(_mm_mul_ps(_mm_loadu_ps(start), _mm_set1_ps(at.start)),
-                      _mm_mul_ps(_mm_loadu_ps(end), _mm_set1_ps(at.end)));
+    return __builtin_expect(ray->parallel_axes != 0, 0) ? beside(walk, node, hits) : hits;
 }
 
 /* Tests some records. Returns false if the ray is finished. */
-BOXTEST_AVX2_INLINE bool meet(const struct moving_walk *moving, uint32_t child)
+BOXTEST_AVX2_INLINE bool meet(const struct avx2_walk *walk, uint32_t child)
 {
-    struct traverse_state *state = moving->walk.state;
+    struct traverse_state *state = walk->state;
     const uint32_t first = child & CHILD_INDEX_MASK, count = (child >> CHILD_KIND_SHIFT) + 1;
     for (uint32_t record = first; record < first + count; record++) {
-        const struct unpacked_moving_triangle *triangle = &moving->triangles[record];
-        const __m128 corners[3] = {corner_at(triangle->start[0], triangle->end[0], moving->at),
-                                   corner_at(triangle->start[1], triangle->end[1], moving->at),
-                                   corner_at(triangle->start[2], triangle->end[2], moving->at)};
+        const struct unpacked_moving_triangle *triangle = &walk->moving_triangles[record];
+        const __m128 corners[3] = {moving_corner_at(triangle, 0, walk->at), moving_corner_at(triangle, 1, walk->at),
+                                   moving_corner_at(triangle, 2, walk->at)};
         struct triangle_hit hit;
         state->counters.triangles++;
-        if (triangle_avx2_intersect_loaded(&moving->walk.triangles, &state->triangle_ray, corners, NULL, &hit) &&
+        if (triangle_avx2_intersect_loaded(&walk->triangles, &state->triangle_ray, corners, NULL, &hit) &&
             hit.t > state->ray->tmin && hit.t <= state->tmax) {
             traverse_leaf_hit(state, record, triangle->id & PORTABLE_ID_MASK, triangle->id & PORTABLE_ID_OPAQUE, &hit);
             if (state->is_done)
@@ -95,16 +72,17 @@ BOXTEST_AVX2_INLINE void prefetch_lines(const void *at, unsigned lines)
         __builtin_prefetch((const char *)at + 64 * i);
 }
 
-BOXTEST_AVX2_INLINE void prefetch_moving(const struct moving_walk *moving, uint32_t child)
+BOXTEST_AVX2_INLINE void prefetch_moving(const struct avx2_walk *walk, uint32_t child)
 {
     const uint32_t index = child & CHILD_INDEX_MASK;
     const bool is_node = child >= CHILD_ROOT;
-    const uintptr_t from = (uintptr_t)(is_node ? (const void *)moving->nodes : moving->triangles);
-    prefetch_lines((const void *)(from + index * (is_node ? sizeof *moving->nodes : sizeof *moving->triangles)), 2);
+    const uintptr_t from = (uintptr_t)(is_node ? (const void *)walk->moving_nodes : walk->moving_triangles);
+    prefetch_lines(
+        (const void *)(from + index * (is_node ? sizeof *walk->moving_nodes : sizeof *walk->moving_triangles)), 2);
 }
 
 /* Pushes all `hits` but the nearest, with the nearest of them on top, and returns the nearest. */
-BOXTEST_AVX2_INLINE uint32_t push_moving(const struct moving_walk *moving, const uint32_t near[8],
+BOXTEST_AVX2_INLINE uint32_t push_moving(const struct avx2_walk *walk, const uint32_t near[8],
                                          const uint32_t children[8], unsigned hits, uint64_t **top)
 {
     unsigned slot = (unsigned)__builtin_ctz(hits);
@@ -116,78 +94,86 @@ BOXTEST_AVX2_INLINE uint32_t push_moving(const struct moving_walk *moving, const
         for (; at > base && at[-1] < later; at--)
             at[0] = at[-1];
         *at = later;
-        prefetch_moving(moving, (uint32_t)later);
+        prefetch_moving(walk, (uint32_t)later);
         nearest = nearest > other ? other : nearest;
     }
     return (uint32_t)nearest;
 }
 
-BOXTEST_AVX2 static void find_closest(const struct moving_walk *moving)
+BOXTEST_AVX2 void moving_walk_closest(struct avx2_walk *walk, uint32_t child)
 {
     uint64_t stack[AVX2_STACK_SIZE], *top = stack, visited = 0;
-    uint32_t child = CHILD_ROOT;
     for (;;) {
         if (child >= CHILD_ROOT) {
             uint32_t near[8];
-            const struct unpacked_moving_node *node = &moving->nodes[child & CHILD_INDEX_MASK];
-            const unsigned hits = test_moving(moving, node, near);
+            const struct unpacked_moving_node *node = &walk->moving_nodes[child & CHILD_INDEX_MASK];
+            const unsigned hits = test_moving(walk, node, near);
             visited++;
             if (hits != 0) {
-                child = push_moving(moving, near, node->start.children, hits, &top);
+                child = push_moving(walk, near, node->start.children, hits, &top);
                 continue;
             }
-        } else if (!meet(moving, child)) {
+        } else if (!meet(walk, child)) {
             break;
         }
-        if (!pop_child(&moving->walk, stack, &top, &child))
+        if (!pop_child(walk, stack, &top, &child))
             break;
     }
-    moving->walk.state->counters.nodes += visited;
+    walk->state->counters.nodes += visited;
 }
 
 /* Finds any hit: the leaves of a node first, then its inner children farthest along the ray's octant. */
-BOXTEST_AVX2 static void find_any(const struct moving_walk *moving)
+BOXTEST_AVX2 void moving_walk_any(struct avx2_walk *walk, uint32_t start)
 {
     uint32_t stack[AVX2_STACK_SIZE], *top = stack, near[8];
     uint64_t visited = 0;
-    unsigned backward = moving->walk.boxes.backward;
+    unsigned backward = walk->boxes.backward;
     bool is_done = false;
-    *top++ = 0;
+    *top++ = start;
     while (top > stack && !is_done) {
-        const struct unpacked_moving_node *node = &moving->nodes[*--top];
-        const unsigned hits = test_moving(moving, node, near), inner = hits & inner_slots(&node->start);
+        const struct unpacked_moving_node *node = &walk->moving_nodes[*--top];
+        const unsigned hits = test_moving(walk, node, near), inner = hits & inner_slots(&node->start);
         visited++;
         for (unsigned slot = 0; slot < 8 && !is_done; slot++)
-            is_done = (hits & ~inner) >> slot & 1 && !meet(moving, node->start.children[slot]);
+            is_done = (hits & ~inner) >> slot & 1 && !meet(walk, node->start.children[slot]);
         for (unsigned i = 0; inner != 0 && i < 8; i++)
             if (inner >> (i ^ backward) & 1) {
                 const uint32_t index = node->start.children[i ^ backward] & CHILD_INDEX_MASK;
-                prefetch_lines(&moving->nodes[index], 7);
+                prefetch_lines(&walk->moving_nodes[index], 7);
                 *top++ = index;
             }
     }
-    moving->walk.state->counters.nodes += visited;
+    walk->state->counters.nodes += visited;
+}
+
+BOXTEST_AVX2 bool moving_walk_init(struct avx2_walk *walk, struct traverse_state *state,
+                                   const struct portable_view *view, const struct unpacked_node *unpacked)
+{
+    if (!boxtest_init_avx2(state->origin, state->direction, state->ray->tmin, view->header->bounds, &walk->boxes))
+        return false;
+    boxtest_widen(&walk->boxes, view->header->bounds);
+    walk->state = state;
+    walk->view = view;
+    walk->unpacked = NULL;
+    walk->scales = unpacked_scales(&walk->boxes);
+    walk->moving_nodes = (const struct unpacked_moving_node *)(const void *)unpacked;
+    walk->moving_triangles = unpacked_moving_triangles(view, walk->moving_nodes);
+    walk->at = motion_weights_at(state->ray->time);
+    triangle_avx2_spread(&state->triangle_ray, &walk->triangles);
+    walk->has_triangles = true;
+    return true;
 }
 
 BOXTEST_AVX2 bool traverse_avx2_moving(struct traverse_state *state, const struct portable_view *view,
                                        const struct unpacked_node *unpacked)
 {
-    struct moving_walk moving = {.nodes = (const struct unpacked_moving_node *)(const void *)unpacked,
-                                 .at = motion_weights_at(state->ray->time)};
-    struct avx2_walk *walk = &moving.walk;
-    if (!unpacked || !avx2_walk_can_unpack(state) ||
-        !boxtest_init_avx2(state->origin, state->direction, state->ray->tmin, view->header->bounds, &walk->boxes))
+    struct avx2_walk walk;
+    if (!unpacked || !avx2_walk_can_unpack(state) || !moving_walk_init(&walk, state, view, unpacked))
         return false;
-    moving.triangles = unpacked_moving_triangles(view, moving.nodes);
-    boxtest_widen(&walk->boxes, view->header->bounds);
-    walk->state = state;
-    walk->view = view;
-    walk->scales = unpacked_scales(&walk->boxes);
-    triangle_avx2_spread(&state->triangle_ray, &walk->triangles);
     if (state->ray->flags & RAY_TERMINATE_ON_FIRST_HIT)
-        find_any(&moving);
+        moving_walk_any(&walk, 0);
     else
-        find_closest(&moving);
+        moving_walk_closest(&walk, CHILD_ROOT);
     return true;
 }
 

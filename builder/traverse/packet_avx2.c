@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * packet_avx2.c - traces up to eight rays at once through unpacked structures. The rays have one octant: their
- * directions have the same signs. Each of them gets the answer that it gets alone.
+ * directions have the same signs. Through motion triangles they have one time. Each of them gets the answer that it gets
+ * alone.
  *
  * A node is first tested against the bundle of all rays, eight boxes at a time, and the children that remain against
  * the rays, eight rays at a time. Where few rays are left they go on alone. At an instance the rays that meet it are
@@ -11,7 +12,27 @@
 
 #ifdef BOXTEST_AVX2
 
+/* What a packet walks through. What differs is decided when the walks are compiled. */
+enum packet_kind { PACKET_TRIANGLES, PACKET_MOVING, PACKET_TOP };
+
 enum { ALONE = 1 }; /* up to ALONE rays go on alone; more share steps, since each would have to be prepared again */
+
+/* Returns a node; of motion triangles the one at t = 0, with which it begins. */
+BOXTEST_AVX2_INLINE const struct unpacked_node *node_at(const struct packet *packet, uint32_t index,
+                                                        enum packet_kind kind)
+{
+    return kind == PACKET_MOVING ? &packet->moving_nodes[index].start : &packet->nodes[index];
+}
+
+/* Returns a row of a node's planes, at the time of the packet. */
+BOXTEST_AVX2_INLINE __m256 row_of(const struct packet *packet, const struct unpacked_node *node, uint32_t row,
+                                  enum packet_kind kind)
+{
+    if (kind == PACKET_MOVING)
+        return moving_planes_at((const struct unpacked_moving_node *)(const void *)node,
+                                row * (uint32_t)sizeof node->planes[0], _mm256_broadcast_ss(&packet->at.end));
+    return _mm256_loadu_ps(node->planes[row]);
+}
 
 /* The planes of a node's children relative to the origins of the bundle: those that rays meet first, and last. */
 struct moved_planes {
@@ -20,15 +41,15 @@ struct moved_planes {
 
 /* Returns the slots whose boxes the bundle meets, lower bounds of where, and the planes for test_lanes(). */
 BOXTEST_AVX2_INLINE unsigned test_bundle(const struct packet *packet, const struct unpacked_node *node,
-                                         uint32_t ret_near[8], struct moved_planes *ret_planes)
+                                         enum packet_kind kind, uint32_t ret_near[8], struct moved_planes *ret_planes)
 {
     __m256 near = _mm256_set1_ps(-INFINITY), far = _mm256_set1_ps(INFINITY);
     for (int axis = 0; axis < 3; axis++) {
         const __m256 least = _mm256_broadcast_ss(&packet->least[axis]),
                      greatest = _mm256_broadcast_ss(&packet->greatest[axis]);
-        const __m256 first = _mm256_sub_ps(_mm256_loadu_ps(node->planes[packet->planes.near[axis]]),
+        const __m256 first = _mm256_sub_ps(row_of(packet, node, packet->planes.near[axis], kind),
                                            _mm256_broadcast_ss(&packet->near_origin[axis]));
-        const __m256 last = _mm256_sub_ps(_mm256_loadu_ps(node->planes[packet->planes.far[axis]]),
+        const __m256 last = _mm256_sub_ps(row_of(packet, node, packet->planes.far[axis], kind),
                                           _mm256_broadcast_ss(&packet->far_origin[axis]));
         _mm256_storeu_ps(ret_planes->near[axis], first);
         _mm256_storeu_ps(ret_planes->far[axis], last);
@@ -61,14 +82,18 @@ BOXTEST_AVX2_INLINE uint32_t test_lanes(const struct packet *packet, const struc
 }
 
 /* Returns the walk of a lane that goes on alone, prepared when it is first needed. */
-BOXTEST_AVX2_INLINE struct avx2_walk *lane_walk(struct packet *packet, unsigned lane)
+BOXTEST_AVX2_INLINE struct avx2_walk *lane_walk(struct packet *packet, unsigned lane, enum packet_kind kind)
 {
     struct avx2_walk *walk = &packet->walks[lane];
     if (!(packet->ready >> lane & 1)) {
         packet->ready |= 1u << lane;
         packet->work.cost += COST_ALONE;
         struct traverse_state *state = &packet->states[lane].state;
-        if (packet->object_to_world) {
+        if (kind == PACKET_MOVING) {
+            traverse_state_to_world(state);
+            triangle_ray_init(state->origin, state->direction, &state->triangle_ray);
+            moving_walk_init(walk, state, packet->view, &packet->moving_nodes->start);
+        } else if (packet->object_to_world) {
             traverse_state_to_object(state, packet->object_to_world);
             triangle_ray_init(state->origin, state->direction, &state->triangle_ray);
             avx2_walk_init_object(walk, state, packet->view, packet->nodes);
@@ -157,10 +182,29 @@ BOXTEST_AVX2_INLINE void meet_four(const struct packet_triangles *ray, const int
     _mm256_storeu_pd(ret_hits->sum, sum);
 }
 
-BOXTEST_AVX2_INLINE void meet_triangle(struct packet *packet, uint32_t record, uint32_t lanes, bool is_mixed)
+/*
+ * Gives the corners of a triangle, at the packet's time, and returns its id. Those of motion triangles are computed
+ * into `room`.
+ */
+BOXTEST_AVX2_INLINE uint32_t corners_of(const struct packet *packet, uint32_t record, enum packet_kind kind,
+                                        float room[3][4], const float *ret_corners[3])
 {
+    if (kind != PACKET_MOVING)
+        return traverse_corners_stored(packet->view, record, ret_corners);
+    const struct unpacked_moving_triangle *triangle = &packet->moving_triangles[record];
+    for (int k = 0; k < 3; k++) {
+        _mm_storeu_ps(room[k], moving_corner_at(triangle, k, packet->at));
+        ret_corners[k] = room[k];
+    }
+    return triangle->id;
+}
+
+BOXTEST_AVX2_INLINE void meet_triangle(struct packet *packet, uint32_t record, uint32_t lanes, bool is_mixed,
+                                       enum packet_kind kind)
+{
+    float room[3][4];
     const float *corners[3];
-    const uint32_t id = traverse_corners_stored(packet->view, record, corners);
+    const uint32_t id = corners_of(packet, record, kind, room, corners);
     packet->work.counters.triangles += (unsigned)__builtin_popcount(lanes);
     for (unsigned half = 0; half < 2; half++) {
         struct packet_hits hits;
@@ -172,8 +216,8 @@ BOXTEST_AVX2_INLINE void meet_triangle(struct packet *packet, uint32_t record, u
             struct traverse_state *state = &packet->states[lane].state;
             struct triangle_hit hit = {hits.t[at], hits.u[at], hits.v[at], hits.sum[at] > 0};
             if (__builtin_expect(!(hits.is_clear >> at & 1), 0) &&
-                !triangle_intersect(&lane_walk(packet, lane)->state->triangle_ray, corners[0], corners[1], corners[2],
-                                    &hit))
+                !triangle_intersect(&lane_walk(packet, lane, kind)->state->triangle_ray, corners[0], corners[1],
+                                    corners[2], &hit))
                 continue;
             if (!(hit.t > state->ray->tmin && hit.t <= state->tmax))
                 continue;
@@ -183,20 +227,21 @@ BOXTEST_AVX2_INLINE void meet_triangle(struct packet *packet, uint32_t record, u
     }
 }
 
-BOXTEST_AVX2_INLINE void meet_records(struct packet *packet, uint32_t child, uint32_t lanes, bool is_mixed)
+BOXTEST_AVX2_INLINE void meet_records(struct packet *packet, uint32_t child, uint32_t lanes, bool is_mixed,
+                                      enum packet_kind kind)
 {
     const uint32_t first = child & CHILD_INDEX_MASK, count = (child >> CHILD_KIND_SHIFT) + 1;
     for (uint32_t i = 0; i < count && lanes != 0; i++, lanes &= packet->live)
-        meet_triangle(packet, first + i, lanes, is_mixed);
+        meet_triangle(packet, first + i, lanes, is_mixed, kind);
 }
 
 /* Tests the triangles of a leaf. It is compiled once for each value of is_mixed. */
-BOXTEST_AVX2_INLINE void meet_leaf(struct packet *packet, uint32_t child, uint32_t lanes)
+BOXTEST_AVX2_INLINE void meet_leaf(struct packet *packet, uint32_t child, uint32_t lanes, enum packet_kind kind)
 {
     if (packet->is_mixed)
-        meet_records(packet, child, lanes, true);
+        meet_records(packet, child, lanes, true, kind);
     else
-        meet_records(packet, child, lanes, false);
+        meet_records(packet, child, lanes, false, kind);
 }
 
 /* A child with the lanes that meet it, and their least distance in the highest bits. */
@@ -205,11 +250,15 @@ BOXTEST_AVX2_INLINE uint64_t pack(uint32_t near, uint32_t lanes, uint32_t child)
     return (uint64_t)((near & ~UINT32_C(0xff)) | lanes) << 32 | child;
 }
 
-BOXTEST_AVX2_INLINE void prefetch_child(const struct packet *packet, uint32_t child)
+BOXTEST_AVX2_INLINE void prefetch_child(const struct packet *packet, uint32_t child, enum packet_kind kind)
 {
-    const bool is_node = child >= CHILD_ROOT;
-    const uintptr_t size = is_node ? sizeof *packet->nodes : packet->record_size, index = child & CHILD_INDEX_MASK;
-    const uintptr_t at = (uintptr_t)(is_node ? (const void *)packet->nodes : packet->view->records) + size * index;
+    const bool is_node = child >= CHILD_ROOT, moves = kind == PACKET_MOVING;
+    const uintptr_t node_size = moves ? sizeof *packet->moving_nodes : sizeof *packet->nodes;
+    const uintptr_t record_size = moves ? sizeof *packet->moving_triangles : packet->record_size;
+    const void *nodes = moves ? (const void *)packet->moving_nodes : packet->nodes;
+    const void *records = moves ? (const void *)packet->moving_triangles : packet->view->records;
+    const uintptr_t size = is_node ? node_size : record_size, index = child & CHILD_INDEX_MASK;
+    const uintptr_t at = (uintptr_t)(is_node ? nodes : records) + size * index;
     for (unsigned line = 0; line < 4; line++)
         __builtin_prefetch((const void *)(at + 64 * line));
 }
@@ -223,36 +272,36 @@ BOXTEST_AVX2_INLINE void count_step(struct packet *packet, uint32_t lanes)
 
 BOXTEST_AVX2 static void meet_instances(struct packet *packet, uint32_t child, uint32_t lanes);
 
-BOXTEST_AVX2_INLINE void meet(struct packet *packet, uint32_t child, uint32_t lanes, bool is_top)
+BOXTEST_AVX2_INLINE void meet(struct packet *packet, uint32_t child, uint32_t lanes, enum packet_kind kind)
 {
-    if (is_top)
+    if (kind == PACKET_TOP)
         meet_instances(packet, child, lanes);
     else
-        meet_leaf(packet, child, lanes);
+        meet_leaf(packet, child, lanes, kind);
 }
 
 /*
  * Finds the closest hits: children nearest first, by the distance of the bundle. It is compiled once for each value of
- * is_top.
+ * kind.
  */
-BOXTEST_AVX2_INLINE void find_closest(struct packet *packet, uint32_t lanes, bool is_top)
+BOXTEST_AVX2_INLINE void find_closest(struct packet *packet, uint32_t lanes, enum packet_kind kind)
 {
     uint64_t stack[AVX2_STACK_SIZE], *top = stack;
     uint32_t child = CHILD_ROOT;
     for (;;) {
         if (child < CHILD_ROOT) {
-            meet(packet, child, lanes, is_top);
-        } else if (!is_top && __builtin_popcount(lanes) <= ALONE) {
+            meet(packet, child, lanes, kind);
+        } else if (kind != PACKET_TOP && __builtin_popcount(lanes) <= ALONE) {
             for (; lanes != 0; lanes &= lanes - 1) {
                 unsigned lane = (unsigned)__builtin_ctz(lanes);
-                avx2_walk_closest(lane_walk(packet, lane), child);
+                (kind == PACKET_MOVING ? moving_walk_closest : avx2_walk_closest)(lane_walk(packet, lane, kind), child);
                 lane_limit(packet, lane);
             }
         } else {
-            const struct unpacked_node *node = &packet->nodes[child & CHILD_INDEX_MASK];
+            const struct unpacked_node *node = node_at(packet, child & CHILD_INDEX_MASK, kind);
             struct moved_planes planes;
             uint32_t near[8];
-            unsigned slots = test_bundle(packet, node, near, &planes);
+            unsigned slots = test_bundle(packet, node, kind, near, &planes);
             uint64_t *base = top;
             count_step(packet, lanes);
             for (; slots != 0; slots &= slots - 1) {
@@ -264,7 +313,7 @@ BOXTEST_AVX2_INLINE void find_closest(struct packet *packet, uint32_t lanes, boo
                 for (; at > base && at[-1] < entry; at--)
                     at[0] = at[-1];
                 *at = entry;
-                prefetch_child(packet, node->children[slot]);
+                prefetch_child(packet, node->children[slot], kind);
             }
         }
         do {
@@ -282,27 +331,27 @@ BOXTEST_AVX2_INLINE void find_closest(struct packet *packet, uint32_t lanes, boo
 
 /*
  * Finds any hits in the order of avx2_walk_any() and traverse_avx2_any_instances(), which depends on the octant alone:
- * so each ray finds the hit that it finds alone. It is compiled once for each value of is_top.
+ * so each ray finds the hit that it finds alone. It is compiled once for each kind.
  */
-BOXTEST_AVX2_INLINE void find_any(struct packet *packet, uint32_t root_lanes, bool is_top)
+BOXTEST_AVX2_INLINE void find_any(struct packet *packet, uint32_t root_lanes, enum packet_kind kind)
 {
     uint64_t stack[AVX2_STACK_SIZE], *top = stack;
     *top++ = (uint64_t)root_lanes << 32;
     while (top > stack) {
         top--;
         uint32_t lanes = (uint32_t)(*top >> 32) & packet->live, index = (uint32_t)*top;
-        if (!is_top && __builtin_popcount(lanes) <= ALONE) {
+        if (kind != PACKET_TOP && __builtin_popcount(lanes) <= ALONE) {
             for (; lanes != 0; lanes &= lanes - 1) {
                 unsigned lane = (unsigned)__builtin_ctz(lanes);
-                avx2_walk_any(lane_walk(packet, lane), index);
+                (kind == PACKET_MOVING ? moving_walk_any : avx2_walk_any)(lane_walk(packet, lane, kind), index);
                 lane_limit(packet, lane);
             }
             continue;
         }
-        const struct unpacked_node *node = &packet->nodes[index];
+        const struct unpacked_node *node = node_at(packet, index, kind);
         struct moved_planes planes;
         uint32_t met[8], near[8];
-        unsigned slots = test_bundle(packet, node, near, &planes);
+        unsigned slots = test_bundle(packet, node, kind, near, &planes);
         count_step(packet, lanes);
         unsigned inner = 0;
         for (; slots != 0; slots &= slots - 1) {
@@ -311,7 +360,7 @@ BOXTEST_AVX2_INLINE void find_any(struct packet *packet, uint32_t root_lanes, bo
             if (met[slot] == 0)
                 continue;
             if (node->children[slot] < CHILD_ROOT)
-                meet(packet, node->children[slot], met[slot], is_top);
+                meet(packet, node->children[slot], met[slot], kind);
             else
                 inner |= 1u << slot;
         }
@@ -326,9 +375,9 @@ BOXTEST_AVX2_INLINE void find_any(struct packet *packet, uint32_t root_lanes, bo
 BOXTEST_AVX2 static void packet_walk(struct packet *packet, uint32_t lanes, bool is_any)
 {
     if (is_any)
-        find_any(packet, lanes, false);
+        find_any(packet, lanes, PACKET_TRIANGLES);
     else
-        find_closest(packet, lanes, false);
+        find_closest(packet, lanes, PACKET_TRIANGLES);
 }
 
 /* Adds the work of a packet to other work. */
@@ -352,6 +401,14 @@ BOXTEST_AVX2_INLINE void packet_begin(struct packet *packet, struct traverse_wal
     packet->step_cost = COST_STEP;
     packet->work = (struct packet_work){.cost = 0};
     packet->ready = 0;
+}
+
+/* Does what is left to start a packet of rays with one time in motion triangles. */
+BOXTEST_AVX2_INLINE void packet_begin_moving(struct packet *packet, float time)
+{
+    packet->moving_nodes = (const struct unpacked_moving_node *)(const void *)packet->nodes;
+    packet->moving_triangles = unpacked_moving_triangles(packet->view, packet->moving_nodes);
+    packet->at = motion_weights_at(time);
 }
 
 /* Returns those of the lanes whose rays see an instance with this mask. */
@@ -433,12 +490,20 @@ BOXTEST_AVX2 static void meet_instances(struct packet *packet, uint32_t child, u
         meet_instance(packet, first + i, lanes);
 }
 
+BOXTEST_AVX2 static void packet_walk_moving(struct packet *packet, uint32_t lanes, bool is_any)
+{
+    if (is_any)
+        find_any(packet, lanes, PACKET_MOVING);
+    else
+        find_closest(packet, lanes, PACKET_MOVING);
+}
+
 BOXTEST_AVX2 static void packet_walk_top(struct packet *packet, uint32_t lanes, bool is_any)
 {
     if (is_any)
-        find_any(packet, lanes, true);
+        find_any(packet, lanes, PACKET_TOP);
     else
-        find_closest(packet, lanes, true);
+        find_closest(packet, lanes, PACKET_TOP);
 }
 
 BOXTEST_AVX2 uint32_t packet_avx2_trace(struct traverse_walk *states, const struct ray *const rays[LANES],
@@ -448,18 +513,23 @@ BOXTEST_AVX2 uint32_t packet_avx2_trace(struct traverse_walk *states, const stru
     struct packet packet;
     packet_begin(&packet, states, is_top ? scene->top : scene->bottoms[0],
                  is_top ? scene->unpacked_top : scene->unpacked[0]);
+    const bool moves = packet.view->header->content == PORTABLE_MOVING_TRIANGLES;
+    if (moves)
+        packet_begin_moving(&packet, rays[0]->time);
     packet_to_world(&packet, rays);
     lanes = packet_init(&packet, lanes);
     if (lanes == 0)
         return 0;
     packet.live = lanes;
     packet.tmax = _mm256_blendv_ps(_mm256_set1_ps(-1), packet.tmax, lane_mask(lanes));
+    if (moves)
+        packet_widen(&packet);
     packet_bundle(&packet, lanes);
     if (is_top) {
         packet_walk_top(&packet, lanes, is_any);
     } else {
         packet_triangles_init(&packet, lanes);
-        packet_walk(&packet, lanes, is_any);
+        (moves ? packet_walk_moving : packet_walk)(&packet, lanes, is_any);
     }
     count(&packet, work);
     return lanes;

@@ -20,6 +20,7 @@
 #define BVHD_PACKET_SETUP_H
 
 #include "builder/traverse/avx2_walk.h"
+#include "builder/traverse/boxtest_moving.h"
 #include "builder/traverse/traverse_group.h"
 
 #ifdef BOXTEST_AVX2
@@ -61,6 +62,10 @@ struct packet {
     uint32_t record_size;
     const struct portable_view *view;
     const struct unpacked_node *nodes;
+    /* Only of motion triangles, for rays that have one time; `nodes` is not used there. */
+    const struct unpacked_moving_node *moving_nodes;
+    const struct unpacked_moving_triangle *moving_triangles;
+    struct motion_weights at;
     const float *object_to_world; /* the rays are in the space of this instance; NULL: in world space */
     uint32_t step_cost; /* of a step of this packet */
     struct packet_work work;
@@ -255,6 +260,17 @@ BOXTEST_AVX2_INLINE uint32_t packet_octant(const struct packet *packet, uint32_t
 BOXTEST_AVX2_INLINE __m256 moved_from(const struct packet *packet, int axis, float from)
 {
     return _mm256_mul_ps(_mm256_sub_ps(packet->origin[axis], _mm256_set1_ps(from)), packet->inverse[axis]);
+}
+
+/* Widens the slack to that of structures that move, as boxtest_widen() does. */
+BOXTEST_AVX2_INLINE void packet_widen(struct packet *packet)
+{
+    const float *bounds = packet->view->header->bounds;
+    for (int axis = 0; axis < 3; axis++) {
+        const __m256 moved = _mm256_set1_ps((float)(1.001 * boxtest_moved(bounds, axis)));
+        packet->slack_alone =
+            _mm256_add_ps(packet->slack_alone, _mm256_mul_ps(moved, absolute_lanes(packet->inverse[axis])));
+    }
 }
 
 /* Finds the bundle around the lanes, which have one octant. */

@@ -82,14 +82,19 @@ static unsigned kind_of(const struct ray *ray)
            (ray->flags & RAY_TERMINATE_ON_FIRST_HIT ? 8 : 0);
 }
 
+/* Returns whether packets can walk through an unpacked structure. */
+static bool is_of_triangles(const struct portable_view *view)
+{
+    return view->header->content == PORTABLE_TRIANGLES || view->header->content == PORTABLE_MOVING_TRIANGLES;
+}
+
 bool traverse_groups_pay(const struct traverse_stream *stream)
 {
     const struct scene *scene = stream->scene;
     const struct traverse_options *options = stream->options;
-    const bool is_unpacked =
-        scene->unpacked && (scene->top ? scene->unpacked_top != NULL
-                                       : scene->bottom_count > 0 && scene->unpacked[0] &&
-                                             scene->bottoms[0]->header->content == PORTABLE_TRIANGLES);
+    const bool is_unpacked = scene->unpacked && (scene->top ? scene->unpacked_top != NULL
+                                                            : scene->bottom_count > 0 && scene->unpacked[0] &&
+                                                                  is_of_triangles(scene->bottoms[0]));
     return is_unpacked &&
            (!options ||
             (!options->candidate && !options->flip_order && !options->baseline_only && !options->exact_only)) &&
@@ -141,6 +146,18 @@ static bool is_tile(const struct ray *rays, uint32_t count)
     return row_moved < half_moved || (row_moved == half_moved && row_turned < half_turned);
 }
 
+/* Returns whether the rays of a group may be in packets: those through motion triangles need one time. */
+static bool have_one_time(const struct group *group, uint32_t count)
+{
+    const struct scene *scene = group->stream->scene;
+    if (scene->top || scene->bottoms[0]->header->content != PORTABLE_MOVING_TRIANGLES)
+        return true;
+    for (uint32_t i = 1; i < count; i++)
+        if (group->rays[i].time != group->rays[0].time)
+            return false;
+    return true;
+}
+
 /*
  * Traces the plain rays of each kind in packets. Returns the rays that are left. A packet of a tile is 4 pixels wide
  * and 2 high, since it meets fewer boxes than a row of 8.
@@ -178,7 +195,7 @@ static uint64_t trace_packets(struct group *group, uint32_t count, uint64_t plai
 static bool turns_pay(const struct scene *scene, bool is_any)
 {
     enum { MIB = 1 << 20, CORE_CACHES = 6 * MIB, ALL_CACHES = 24 * MIB };
-    if (scene->top)
+    if (scene->top || scene->bottoms[0]->header->content == PORTABLE_MOVING_TRIANGLES)
         return false;
     const struct portable_header *header = scene->bottoms[0]->header;
     const uint64_t size = (uint64_t)header->node_count * sizeof(struct unpacked_node) +
@@ -223,7 +240,7 @@ uint64_t traverse_group(struct traverse_stream *stream, const struct ray *rays, 
     for (uint32_t i = 0; i < count; i++)
         plain |= (uint64_t)ray_is_plain(&rays[i]) << i;
     left = all & ~plain;
-    if (stream->alone == 0)
+    if (stream->alone == 0 && have_one_time(&group, count))
         plain = trace_packets(&group, count, plain);
     else
         stream->alone -= count < stream->alone ? count : stream->alone;
