@@ -43,7 +43,8 @@
  *
  * with its result, and without the program's geometry and the threads' stacks. `spheres` are linear swept spheres, too,
  * `vertices` those of indexed geometries (maxVertex + 1 for each; of spheres, as many as the indices reach), and
- * `references` the bottom levels that are given to a top level.
+ * `references` the bottom levels that are given to a top level. In a structure with geometry that moves, a triangle
+ * takes 480, an instance 640 and a vertex 48.
  *
  * Errors are reported as in bvhd.h; a call that fails changes nothing. Places name members of the struct that the call
  * takes, as "info.mode".

@@ -8,12 +8,25 @@
 
 /* The bound: what a build takes for each of these. */
 enum { FIXED = 65536, A_TRIANGLE = 320, A_BOX = 320, AN_INSTANCE = 400, A_VERTEX = 24, A_GEOMETRY = 256 };
-enum { A_REFERENCE = 512, A_SPHERE = 320 };
+enum { A_REFERENCE = 512, A_SPHERE = 320, A_MOTION_TRIANGLE = 480, A_MOTION_INSTANCE = 640, A_MOTION_VERTEX = 48 };
 
 /* The largest request makes several pieces for each thread. */
 enum { CASES = 64, LARGEST = 40000, GEOMETRIES = 3, REFERENCES = 60, RECORD = 64, FLOAT1 = 100, FLOAT3 = 106 };
 
-enum kind { TRIANGLES, INDEXED, BOXES, INSTANCES, SPHERES, INDEXED_SPHERES, PARTS, STRANDS, KINDS };
+enum kind {
+    TRIANGLES,
+    INDEXED,
+    BOXES,
+    INSTANCES,
+    SPHERES,
+    INDEXED_SPHERES,
+    PARTS,
+    STRANDS,
+    MOTION_TRIANGLES,
+    INDEXED_MOTION,
+    MOTION_INSTANCES,
+    KINDS
+};
 
 /* A random request; pointers lead into the buffers. */
 struct request {
@@ -26,7 +39,7 @@ struct request {
 static float positions[9 * LARGEST];
 static float radii[3 * LARGEST];
 static uint32_t indices[3 * LARGEST];
-static unsigned char records[LARGEST * RECORD];
+static unsigned char records[LARGEST * MOTION_RECORD_STRIDE];
 
 static uint32_t below(struct random *random, uint32_t count)
 {
@@ -73,6 +86,16 @@ static void add_indexed(struct request *request, uint32_t count, uint32_t vertic
 {
     request->geometries[request->input.geometry_count++] = triangles_of(count, vertices, true);
     request->bound += (uint64_t)A_TRIANGLE * count + (uint64_t)A_VERTEX * vertices;
+}
+
+/* Lets the last geometry move, by the number of primitives and of the vertices that their indices name. */
+static void move_last(struct request *request, uint32_t count, uint32_t vertices)
+{
+    struct geometry *geometry = &request->geometries[request->input.geometry_count - 1];
+    geometry->type = GEOMETRY_MOVING_TRIANGLES;
+    geometry->triangles.end_vertices = geometry->triangles.vertices;
+    request->bound += (uint64_t)(A_MOTION_TRIANGLE - A_TRIANGLE) * count;
+    request->bound += (uint64_t)(A_MOTION_VERTEX - A_VERTEX) * vertices;
 }
 
 /* Spheres, parts of strands with their own ends, or strands with `vertices` points, which is 0 without indices. */
@@ -135,10 +158,37 @@ static void add_instances(struct request *request, struct random *random, uint32
     request->bound += (uint64_t)AN_INSTANCE * count + (uint64_t)A_REFERENCE * REFERENCES;
 }
 
+/* Makes static, matrix and SRT instances of those that were added. */
+static void move_instances(struct request *request, uint32_t count)
+{
+    static const float srt[16] = {1, 0, 0, 0, 1, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0};
+    static const size_t behind[MOTION_TYPES] = {56, 104, 136};
+    for (uint32_t i = count; i-- > 0;) {
+        unsigned char still[RECORD], *record = records + (size_t)MOTION_RECORD_STRIDE * i;
+        const uint32_t type = i % MOTION_TYPES;
+        memcpy(still, records + (size_t)RECORD * i, sizeof still);
+        memset(record, 0, MOTION_RECORD_STRIDE);
+        bytes_put32(record, type);
+        memcpy(record + 8, type == MOTION_SRT ? (const void *)srt : still, type == MOTION_SRT ? 64 : 48);
+        memcpy(record + (type == MOTION_SRT ? 72 : 8 + 48 * type), record + 8, type == MOTION_SRT ? 64 : 48);
+        memcpy(record + behind[type], still + 48, 16);
+    }
+    request->geometries[0].type = GEOMETRY_MOVING_INSTANCES;
+    request->geometries[0].instances.records.size = (uint64_t)MOTION_RECORD_STRIDE * count;
+    request->bound += (uint64_t)(A_MOTION_INSTANCE - AN_INSTANCE) * count;
+}
+
+static bool is_top(enum kind kind)
+{
+    return kind == INSTANCES || kind == MOTION_INSTANCES;
+}
+
 static void choose_options(struct build_input *input, struct random *random)
 {
-    static const uint32_t flags[] = {0, BUILD_ALLOW_UPDATE, BUILD_ALLOW_COMPACTION | BUILD_ALLOW_DATA_ACCESS};
-    input->flags = BUILD_LOW_MEMORY | flags[below(random, 3)];
+    static const uint32_t flags[] = {0, BUILD_ALLOW_COMPACTION | BUILD_ALLOW_DATA_ACCESS, BUILD_ALLOW_UPDATE};
+    const uint32_t type = input->geometries[0].type;
+    const bool moves = type == GEOMETRY_MOVING_TRIANGLES || type == GEOMETRY_MOVING_INSTANCES;
+    input->flags = BUILD_LOW_MEMORY | (moves ? BUILD_MOTION : 0) | flags[below(random, moves ? 2 : 3)];
     input->options = (struct build_options){.quality = (enum build_quality)below(random, QUALITY_AUTO + 1),
                                             .target = TARGET_PORTABLE};
     if (input->geometries[0].type < GEOMETRY_SPHERES && below(random, 3) == 0)
@@ -151,9 +201,9 @@ static void choose_options(struct build_input *input, struct random *random)
 /* Makes a request of LARGEST primitives, or of fewer, where small and large counts are as likely. */
 static void make_request(struct request *request, struct random *random, enum kind kind, bool is_largest)
 {
-    const uint32_t geometries = kind == INSTANCES ? 1 : 1 + below(random, GEOMETRIES);
+    const uint32_t geometries = is_top(kind) ? 1 : 1 + below(random, GEOMETRIES);
     *request = (struct request){.bound = FIXED + (uint64_t)A_GEOMETRY * geometries};
-    request->input = (struct build_input){.type = kind == INSTANCES ? STRUCTURE_TOP : STRUCTURE_BOTTOM,
+    request->input = (struct build_input){.type = is_top(kind) ? STRUCTURE_TOP : STRUCTURE_BOTTOM,
                                           .geometries = request->geometries};
     make_positions(random, kind == BOXES);
     const uint32_t vertices = 3 + below(random, (3 * LARGEST >> below(random, 6)) - 4);
@@ -164,16 +214,20 @@ static void make_request(struct request *request, struct random *random, enum ki
     for (uint32_t i = 0; i < geometries; i++) {
         const uint32_t most = LARGEST / geometries;
         const uint32_t count = is_largest ? most : below(random, (most / 4 >> below(random, 8)) + 1);
-        if (kind == INSTANCES)
+        if (is_top(kind))
             add_instances(request, random, count);
         else if (kind == BOXES)
             add_boxes(request, count);
-        else if (kind == INDEXED)
+        else if (kind == INDEXED || kind == INDEXED_MOTION)
             add_indexed(request, count, vertices);
-        else if (kind >= SPHERES)
+        else if (kind >= SPHERES && kind <= STRANDS)
             add_round(request, kind, count, kind == INDEXED_SPHERES || kind == STRANDS ? vertices : 0);
         else
             add_triangles(request, count);
+        if (kind == MOTION_TRIANGLES || kind == INDEXED_MOTION)
+            move_last(request, count, kind == INDEXED_MOTION ? vertices : 0);
+        else if (kind == MOTION_INSTANCES)
+            move_instances(request, count);
     }
     choose_options(&request->input, random);
 }
