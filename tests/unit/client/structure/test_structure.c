@@ -125,11 +125,11 @@ static void results_are_held_by_their_rules(void **state)
     structure_bed_stop(&bed);
 }
 
-static struct bvhd_structure *create_moving(VkAccelerationStructureTypeKHR type, uint32_t max_instances)
+static struct bvhd_structure *create_moving(VkAccelerationStructureTypeKHR type, uint32_t max_instances, uint64_t size)
 {
     const VkAccelerationStructureMotionInfoNV motion = {
         .sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_MOTION_INFO_NV, .maxInstances = max_instances};
-    VkAccelerationStructureCreateInfoKHR info = structure_bed_create_info(type, UINT64_MAX);
+    VkAccelerationStructureCreateInfoKHR info = structure_bed_create_info(type, size);
     struct bvhd_structure *structure = NULL;
     info.createFlags = VK_ACCELERATION_STRUCTURE_CREATE_MOTION_BIT_NV;
     info.pNext = &motion;
@@ -142,8 +142,9 @@ static void motion_is_held_by_its_rules(void **state)
 {
     (void)state;
     structure_bed_start(&bed, 0, TARGET_PORTABLE);
-    struct bvhd_structure *bottom = create_moving(VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR, 0),
-                          *top = create_moving(VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR, STRUCTURE_INSTANCES - 1),
+    struct bvhd_structure *bottom = create_moving(VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR, 0, UINT64_MAX),
+                          *top = create_moving(VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR, STRUCTURE_INSTANCES - 1,
+                                               UINT64_MAX),
                           *into;
     VkAccelerationStructureBuildGeometryInfoKHR info;
 #define BUILD "VUID-VkAccelerationStructureBuildGeometryInfoKHR-"
@@ -167,6 +168,49 @@ static void motion_is_held_by_its_rules(void **state)
     structure_bed_refused(&bed, "a copy", bvhd_structure_copy(&copy, &bed.error), "", "info.dst");
     bvhd_structure_destroy(bottom);
     bvhd_structure_destroy(top);
+    structure_bed_stop(&bed);
+}
+
+/* Motion triangles need the size that the query gives; they are copied into what was created for them alone. */
+static void moving_results_are_held(void **state)
+{
+    (void)state;
+    const struct build_options options = {.quality = QUALITY_BALANCED, .target = TARGET_PORTABLE};
+    const uint32_t count = STRUCTURE_TRIANGLES;
+    structure_bed_start(&bed, 0, TARGET_PORTABLE);
+    const VkAccelerationStructureGeometryMotionTrianglesDataNV end = {
+        .sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_GEOMETRY_MOTION_TRIANGLES_DATA_NV,
+        .vertexData.hostAddress = bed.vertices};
+    struct structure_build moving = bed.bottom;
+    moving.geometry.geometry.triangles.pNext = &end;
+    moving.info.pGeometries = &moving.geometry;
+    moving.info.flags = VK_BUILD_ACCELERATION_STRUCTURE_MOTION_BIT_NV;
+    moving.result = structure_bed_result(&moving, &options);
+    VkAccelerationStructureBuildSizesInfoKHR sizes = {
+        .sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_BUILD_SIZES_INFO_KHR};
+    const struct bvhd_structure_sizes_query query = {.struct_size = sizeof query,
+                                                     .info = &moving.info,
+                                                     .max_primitive_counts = &count,
+                                                     .quality = BVHD_QUALITY_BALANCED};
+    assert_int_equal(bvhd_structure_sizes(&query, &sizes, &bed.error), BVHD_OK);
+    struct bvhd_structure *objects[2];
+    for (int i = 0; i < 2; i++)
+        objects[i] = create_moving(VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR, 0, sizes.accelerationStructureSize);
+    assert_int_equal(bvhd_structure_hold(objects[0], &moving.info, &moving.range, &moving.result, &bed.error), BVHD_OK);
+    struct bvhd_structure_state is;
+    assert_int_equal(bvhd_structure_get(objects[0], &is), BVHD_OK);
+    assert_true(is.is_built && is.flags == BUILD_MOTION && is.data == moving.result.data);
+    assert_int_equal(is.type, VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR);
+    VkCopyAccelerationStructureInfoKHR copy = {.sType = VK_STRUCTURE_TYPE_COPY_ACCELERATION_STRUCTURE_INFO_KHR,
+                                               .src = bvhd_structure_handle(objects[0]),
+                                               .dst = bvhd_structure_handle(objects[1]),
+                                               .mode = VK_COPY_ACCELERATION_STRUCTURE_MODE_CLONE_KHR};
+    assert_int_equal(bvhd_structure_copy(&copy, &bed.error), BVHD_OK);
+    copy.dst = bvhd_structure_handle(bed.spare);
+    structure_bed_refused(&bed, "a copy", bvhd_structure_copy(&copy, &bed.error), "", "info.dst");
+    bvhd_structure_destroy(objects[0]);
+    bvhd_structure_destroy(objects[1]);
+    bvhd_blob_unref(moving.result.blob);
     structure_bed_stop(&bed);
 }
 
@@ -252,6 +296,7 @@ int main(void)
         cmocka_unit_test(new_objects_are_empty),
         cmocka_unit_test(results_are_held_by_their_rules),
         cmocka_unit_test(motion_is_held_by_its_rules),
+        cmocka_unit_test(moving_results_are_held),
         cmocka_unit_test(updates_of_compacted_structures_need_their_size),
         cmocka_unit_test(errors_of_results_are_passed_on),
     };
