@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * packet_avx2.c - traces up to eight rays at once through unpacked structures. The rays have one octant: their
- * directions have the same signs. Through motion triangles they have one time. Each of them gets the answer that it gets
- * alone.
+ * directions have the same signs. Through motion triangles they have one time. Each of them gets the answer that it
+ * gets alone.
  *
  * A node is first tested against the bundle of all rays, eight boxes at a time, and the children that remain against
  * the rays, eight rays at a time. Where few rays are left they go on alone. At an instance the rays that meet it are
