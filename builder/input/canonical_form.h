@@ -46,7 +46,10 @@ struct form_geometry {
     uint32_t flags; /* GEOMETRY_OPAQUE, ... */
     uint32_t primitive_count;
     uint32_t vertex_count; /* 0 unless the geometry has vertices */
-    /* Offset of positions, boxes or records; 0 when there are none. Motion triangles: all of t = 0, then all of t = 1. */
+    /*
+     * Offset of positions, boxes or records; 0 when there are none. Motion triangles: all positions of t = 0, then all
+     * of t = 1.
+     */
     uint64_t data_offset;
     uint64_t index_offset; /* offset of indices; 0 when there are none */
     uint32_t indexed; /* 1: there are indices; 0: triangle i is made of vertices 3i .. 3i+2, sphere i is vertex i */
