@@ -170,6 +170,10 @@ class MotionTest(unittest.TestCase):
         self.assertEqual(
             raised.exception.vuid, "VUID-VkAccelerationStructureCreateInfoKHR-flags-04955"
         )
+        moving = bvhd.Triangles(CORNERS, FACES, end_vertices=CORNERS)
+        with self.assertRaisesRegex(bvhd.Error, "motion triangles") as raised:
+            self.client.build(bvhd.BottomLevel([moving], bvhd.BuildFlags.ALLOW_UPDATE))
+        self.assertEqual(raised.exception.status, bvhd.Status.UNSUPPORTED)
 
 
 if __name__ == "__main__":

@@ -46,6 +46,10 @@ static void update_is_complete(void **state)
     (void)state;
     for (int i = 0; i < KIND_COUNT; i++) {
         const struct update_kind *kind = update_kind_of(types[i]);
+        if (kind_find(types[i])->moves) { /* build_entry refuses to record such kinds */
+            assert_null(kind);
+            continue;
+        }
         assert_non_null(kind);
         assert_true(kind->row_is_sound && kind->active && kind->write && kind->boxes);
         assert_true((kind->rule_count > 0) == (kind->rules != NULL));
