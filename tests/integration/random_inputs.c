@@ -23,10 +23,12 @@
 #include <bvhd/bvhd_structure.h>
 
 #include "builder/update/batch.h"
+#include "builder/update/update_kind.h"
 #include "builder/format/portable.h"
 #include "builder/format/serialized.h"
 #include "builder/piece/embree.h"
 #include "builder/traverse/lavapipe_traverse.h"
+#include "proto/base/kind.h"
 #include "tests/support/builder/broken_input.h"
 #include "tests/support/builder/random_judge.h"
 #include "tests/support/builder/random_kind.h"
@@ -43,13 +45,16 @@ static bool is_large(const struct random_run *run)
     return run->seed % LARGE_STEP >= LARGE_FROM;
 }
 
-/* Returns the request with what the command line says. */
+/* Returns the request with what the command line says. What cannot be updated is not built for updates. */
 static struct build_input as_told(const struct random_run *run, const struct build_input *input)
 {
     struct build_input told = *input;
     told.options.builder = run->builder;
     if (run->quality)
         told.options.quality = run->quality;
+    for (uint32_t i = 0; input->geometries && i < input->geometry_count; i++)
+        if (kind_find(input->geometries[i].type) && !update_kind_of(input->geometries[i].type))
+            told.flags &= ~(uint32_t)BUILD_ALLOW_UPDATE;
     return told;
 }
 
@@ -118,15 +123,6 @@ static void check_native_refusal(struct random_run *run, const struct build_inpu
     batch_finish(&item, 1, &run->memory);
 }
 
-/* The flag MOTION alone is no motion. */
-static bool has_motion(const struct random_input *bottom)
-{
-    for (uint32_t i = 0; i < bottom->input.geometry_count; i++)
-        if (bottom->geometries[i].type == GEOMETRY_MOVING_TRIANGLES)
-            return true;
-    return false;
-}
-
 /* Traces the scene in both layouts. */
 static void trace_native(struct random_run *run, const struct random_input *bottom, const struct scene *scene,
                          struct random *random)
@@ -140,7 +136,7 @@ static void trace_native(struct random_run *run, const struct random_input *bott
     input.options = (struct build_options){.quality = input.options.quality,
                                            .target = TARGET_LAVAPIPE,
                                            .device.variant = 1 + run->seed / NATIVE_STEP % LAVAPIPE_VARIANTS};
-    if (bottom->kind->shape != ORACLE_TRIANGLES || has_motion(bottom)) {
+    if (bottom->kind->shape != ORACLE_TRIANGLES || random_input_moves(bottom)) {
         check_native_refusal(run, &input);
         random_judge_bottom(run, bottom, scene, random);
         return;

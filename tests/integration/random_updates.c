@@ -2,12 +2,12 @@
 /*
  * random_updates.c - tests updates of random structures, in every layout.
  *
- *     random_updates [--kinds flat|round|all] [COUNT [SEED]]
+ *     random_updates [--kinds flat|round|motion|all] [COUNT [SEED]]
  *
  * The structures are of triangles and boxes (flat, which they are without --kinds), of spheres and linear swept spheres
- * (round), or of all of them. Each structure is built, moved and updated a few times. Then rays through it are compared
- * with brute force over what the request means now, and with rays through a structure that is built for it: both must
- * give the same hits.
+ * (round), of what moves (motion), or of all of them. Each structure is built, moved and updated a few times. Then rays
+ * through it are compared with brute force over what the request means now, and with rays through a structure that is
+ * built for it: both must give the same hits.
  *
  * It prints each failure with the arguments that repeat it. The exit status is 1 if there was any.
  */
@@ -251,7 +251,8 @@ static void run_bottom(struct run *run, struct random *random)
     struct random_input bottom;
     struct structure updated, built = {0};
     random_input_bottom_of(&bottom, random, MOST_PRIMITIVES, run->kinds);
-    set_target(&bottom.input, bottom.kind->shape == ORACLE_TRIANGLES || !bottom.input.geometry_count, random);
+    const bool is_flat = bottom.kind->shape == ORACLE_TRIANGLES && !random_input_moves(&bottom);
+    set_target(&bottom.input, is_flat || !bottom.input.geometry_count, random);
     if (build_structure(run, &bottom.input, &updated) &&
         update_structure(run, &bottom.input, random_input_move, &bottom, random, &updated) &&
         build_structure(run, &bottom.input, &built) && open_structure(run, &updated) && open_structure(run, &built))

@@ -204,6 +204,9 @@ static void break_handles(struct broken_input *broken, struct random *random)
     broken->input.source = random_below(random, 5);
 }
 
+/* The array of motion instances: its last record ends before its stride does. */
+enum { MOTION_BYTES = MOTION_RECORD_STRIDE * (BROKEN_RECORDS - 1) + MOTION_RECORD_SIZE };
+
 /* Breaks what the flag MOTION has to do with: the flag itself, or the type and the flags of a motion instance. */
 static void break_motion(struct broken_input *broken, struct random *random)
 {
@@ -213,10 +216,9 @@ static void break_motion(struct broken_input *broken, struct random *random)
         return;
     }
     const uint32_t number = random_below(random, 5);
-    unsigned char *record = (void *)(uintptr_t)geometry->instances.records.data;
-    record += (size_t)MOTION_RECORD_STRIDE * random_below(random, BROKEN_RECORDS) + 4 * random_below(random, 2);
-    if (record && geometry->instances.records.size == (uint64_t)MOTION_RECORD_STRIDE * BROKEN_RECORDS)
-        memcpy(record, &number, sizeof number);
+    const size_t at = (size_t)MOTION_RECORD_STRIDE * random_below(random, BROKEN_RECORDS) + 4 * random_below(random, 2);
+    if (geometry->instances.records.size == MOTION_BYTES)
+        memcpy((void *)(uintptr_t)(geometry->instances.records.data + at), &number, sizeof number);
 }
 
 static const struct {
@@ -264,8 +266,8 @@ static void make_top(struct broken_input *broken, struct random *random)
 
 static void make_moving_top(struct broken_input *broken, struct random *random)
 {
-    const uint64_t size = (uint64_t)MOTION_RECORD_STRIDE * BROKEN_RECORDS;
-    unsigned char *records = random_input_buffer(&broken->base, size);
+    unsigned char *records = random_input_buffer(&broken->base, MOTION_BYTES);
+    memset(records, 0xdd, MOTION_BYTES);
     for (uint32_t i = 0; i < BROKEN_RECORDS; i++) {
         struct random_motion motion;
         const uint32_t words[2] = {i | UINT32_C(0xff000000), 0};
@@ -278,7 +280,7 @@ static void make_moving_top(struct broken_input *broken, struct random *random)
     broken->input.geometry_count = 1;
     broken->base.geometries[0] = (struct geometry){
         .type = GEOMETRY_MOVING_INSTANCES,
-        .instances = {{records, size}},
+        .instances = {{records, MOTION_BYTES}},
         .range = {.primitive_count = BROKEN_RECORDS},
     };
 }

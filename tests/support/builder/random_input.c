@@ -102,6 +102,14 @@ void random_input_bottom_of(struct random_input *ret_input, struct random *rando
     fill(ret_input, random, most, random_kind_any(choice, random), choice == RANDOM_ALL);
 }
 
+bool random_input_moves(const struct random_input *input)
+{
+    for (uint32_t i = 0; i < input->input.geometry_count; i++)
+        if (input->geometries[i].type == GEOMETRY_MOVING_TRIANGLES)
+            return true;
+    return false;
+}
+
 struct oracle_mesh random_input_mesh(const struct random_input *input, uint32_t geometry)
 {
     const struct random_meaning *meaning = &input->meanings[geometry];

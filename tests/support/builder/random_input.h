@@ -80,6 +80,9 @@ void random_input_move(void *request, struct random *random);
  */
 struct oracle_mesh random_input_mesh(const struct random_input *input, uint32_t geometry);
 
+/* Returns whether a geometry moves: the flag MOTION alone is no motion. */
+bool random_input_moves(const struct random_input *input);
+
 /* Allocates another random block that the input owns. */
 void *random_input_buffer(struct random_input *input, uint64_t size);
 

@@ -102,12 +102,12 @@ void random_motion_make(enum random_choice choice, struct random *random, struct
 }
 
 void random_motion_record(const struct random_motion *motion, const uint32_t words[2], uint64_t handle,
-                          unsigned char ret_record[MOTION_RECORD_STRIDE])
+                          unsigned char ret_record[MOTION_RECORD_SIZE])
 {
     const size_t size = (motion->type == MOTION_SRT ? 16 : 12) * sizeof(float);
     const uint32_t head[2] = {motion->type, 0};
     unsigned char *at = ret_record + MOTION_RECORD_DATA;
-    memset(ret_record, 0xcc, MOTION_RECORD_STRIDE);
+    memset(ret_record, 0xcc, MOTION_RECORD_SIZE);
     memcpy(ret_record, head, sizeof head);
     memcpy(at, motion->start, size);
     if (motion->type != MOTION_STATIC)

@@ -19,9 +19,9 @@ struct random_motion {
  */
 void random_motion_make(enum random_choice choice, struct random *random, struct random_motion *ret_motion);
 
-/* Writes a VkAccelerationStructureMotionInstanceNV and what is behind it. `words` are those of an instance's fields. */
+/* Writes a VkAccelerationStructureMotionInstanceNV. `words` are those of an instance's fields. */
 void random_motion_record(const struct random_motion *motion, const uint32_t words[2], uint64_t handle,
-                          unsigned char ret_record[MOTION_RECORD_STRIDE]);
+                          unsigned char ret_record[MOTION_RECORD_SIZE]);
 
 /* Makes the matrix of a time. Returns false if it is singular, or nearly. */
 bool random_motion_matrix(const struct random_motion *motion, float time, float ret_matrix[12]);

@@ -6,7 +6,8 @@
 
 #include "tests/support/builder/random_kind.h"
 
-static uint32_t record_size(const struct random_top *top)
+/* Returns the distance of records. The last motion record ends before it. */
+static uint32_t record_stride(const struct random_top *top)
 {
     return top->moves ? MOTION_RECORD_STRIDE : 64;
 }
@@ -53,7 +54,7 @@ void random_top_record(const struct random_instance *instance, uint64_t handle, 
 static void write_record(const struct random_top *top, uint32_t index, uint64_t handle)
 {
     const struct random_instance *instance = &top->instances[index];
-    unsigned char *record = top->records + top->geometry.range.primitive_offset + (size_t)record_size(top) * index;
+    unsigned char *record = top->records + top->geometry.range.primitive_offset + (size_t)record_stride(top) * index;
     uint32_t words[2];
     pack(instance, words);
     if (top->moves)
@@ -93,7 +94,9 @@ static struct random_instance random_instance(const struct random_top *top, stru
 static void make_records(struct random_top *top, struct random *random)
 {
     uint32_t offset = 16 * random_below(random, 3);
-    uint64_t size = offset + (uint64_t)record_size(top) * top->instance_count;
+    uint64_t size = offset + (uint64_t)record_stride(top) * top->instance_count;
+    if (top->moves && top->instance_count)
+        size -= MOTION_RECORD_STRIDE - MOTION_RECORD_SIZE;
     top->records = random_input_zeroed(size, 1);
     top->geometry.range = (struct geometry_range){.primitive_count = top->instance_count, .primitive_offset = offset};
     for (uint32_t i = 0; i < top->instance_count; i++) {
