@@ -156,6 +156,10 @@ void moving_walk_any(struct avx2_walk *walk, uint32_t node);
 bool moving_walk_init(struct avx2_walk *walk, struct traverse_state *state, const struct portable_view *view,
                       const struct unpacked_node *unpacked);
 
+/* Does the same for a ray in world space, exactly as the caller gave it, but does not prepare it for triangles yet. */
+bool moving_walk_init_world(struct avx2_walk *walk, struct traverse_state *state, const struct portable_view *view,
+                            const struct unpacked_node *unpacked);
+
 /* Returns planes of a moving node at a time; boxtest_moving.h has the bound of their error. */
 BOXTEST_AVX2_INLINE __m256 moving_planes_at(const struct unpacked_moving_node *node, uint32_t offset, __m256 time)
 {

@@ -22,6 +22,9 @@ struct leaf_kind {
     /* A faster walk for machines with AVX2, which returns false if the general one is needed. NULL: there is none. */
     bool (*walk_avx2)(struct traverse_state *state, const struct portable_view *view,
                       const struct unpacked_node *unpacked);
+    /* The same for rays in world space of which the state has neither the ray nor its triangle_ray. NULL: none. */
+    bool (*walk_world)(struct traverse_state *state, const struct portable_view *view,
+                       const struct unpacked_node *unpacked);
     /* Grows a box by the records. NULL: they do not tell their boxes, so that those in nodes are the tightest. */
     void (*grow)(const struct portable_view *view, uint32_t first, uint32_t count, struct box *box);
 };
@@ -35,6 +38,8 @@ extern const struct leaf_kind leaf_triangles, leaf_aabbs, leaf_instances, leaf_s
  */
 bool traverse_avx2_moving(struct traverse_state *state, const struct portable_view *view,
                           const struct unpacked_node *unpacked);
+bool traverse_avx2_moving_world(struct traverse_state *state, const struct portable_view *view,
+                                const struct unpacked_node *unpacked);
 
 /* The rows by enum portable_content. */
 extern const struct leaf_kind *const leaf_kinds[PORTABLE_CONTENTS];

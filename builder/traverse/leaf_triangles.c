@@ -54,4 +54,5 @@ const struct leaf_kind leaf_moving_triangles = {
     .moves = true,
     .visit = visit_moving_triangles,
     .walk_avx2 = traverse_avx2_moving,
+    .walk_world = traverse_avx2_moving_world,
 };

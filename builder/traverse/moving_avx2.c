@@ -46,8 +46,10 @@ BOXTEST_AVX2_INLINE unsigned test_moving(const struct avx2_walk *walk, const str
 }
 
 /* Tests some records. Returns false if the ray is finished. */
-BOXTEST_AVX2_INLINE bool meet(const struct avx2_walk *walk, uint32_t child)
+BOXTEST_AVX2_INLINE bool meet(struct avx2_walk *walk, uint32_t child)
 {
+    if (!walk->has_triangles)
+        avx2_walk_init_triangles(walk);
     struct traverse_state *state = walk->state;
     const uint32_t first = child & CHILD_INDEX_MASK, count = (child >> CHILD_KIND_SHIFT) + 1;
     for (uint32_t record = first; record < first + count; record++) {
@@ -146,22 +148,63 @@ BOXTEST_AVX2 void moving_walk_any(struct avx2_walk *walk, uint32_t start)
     walk->state->counters.nodes += visited;
 }
 
+/* Does what is left to prepare a ray, of which the boxes are. */
+BOXTEST_AVX2_INLINE void begin(struct avx2_walk *walk, struct traverse_state *state, const struct portable_view *view,
+                               const struct unpacked_node *unpacked)
+{
+    walk->state = state;
+    walk->view = view;
+    walk->unpacked = NULL;
+    walk->has_triangles = false;
+    walk->scales = unpacked_scales(&walk->boxes);
+    walk->moving_nodes = (const struct unpacked_moving_node *)(const void *)unpacked;
+    walk->moving_triangles = unpacked_moving_triangles(view, walk->moving_nodes);
+    walk->at = motion_weights_at(state->ray->time);
+}
+
 BOXTEST_AVX2 bool moving_walk_init(struct avx2_walk *walk, struct traverse_state *state,
                                    const struct portable_view *view, const struct unpacked_node *unpacked)
 {
     if (!boxtest_init_avx2(state->origin, state->direction, state->ray->tmin, view->header->bounds, &walk->boxes))
         return false;
     boxtest_widen(&walk->boxes, view->header->bounds);
-    walk->state = state;
-    walk->view = view;
-    walk->unpacked = NULL;
-    walk->scales = unpacked_scales(&walk->boxes);
-    walk->moving_nodes = (const struct unpacked_moving_node *)(const void *)unpacked;
-    walk->moving_triangles = unpacked_moving_triangles(view, walk->moving_nodes);
-    walk->at = motion_weights_at(state->ray->time);
+    begin(walk, state, view, unpacked);
     triangle_avx2_spread(&state->triangle_ray, &walk->triangles);
     walk->has_triangles = true;
     return true;
+}
+
+/* Does the work of boxtest_widen() for unpacked nodes; FLT_MIN is more than what underflows. */
+BOXTEST_AVX2_INLINE void widen_floats(struct boxtest_ray *ray, const float bounds[6])
+{
+    const __m128 min = _mm_loadu_ps(bounds), max = _mm_permute_ps(_mm_loadu_ps(bounds + 2), _MM_SHUFFLE(3, 3, 2, 1));
+    const __m128 corner = _mm_max_ps(absolute_xyz(min), absolute_xyz(max)),
+                 moved = _mm_fmadd_ps(corner, _mm_set1_ps((float)(1.001 * moving_error)), _mm_set1_ps(FLT_MIN)),
+                 size = absolute_xyz(_mm_load_ps(ray->inverse));
+    _mm_store_ps(ray->slack, _mm_fmadd_ps(moved, size, _mm_load_ps(ray->slack)));
+}
+
+BOXTEST_AVX2 bool moving_walk_init_world(struct avx2_walk *walk, struct traverse_state *state,
+                                         const struct portable_view *view, const struct unpacked_node *unpacked)
+{
+    const struct ray *ray = state->ray;
+    const float *bounds = view->header->bounds;
+    if (!setup_floats(_mm_loadu_ps(ray->origin), _mm_loadu_ps(ray->direction), ray->tmin, bounds, &walk->boxes))
+        return false;
+    if (__builtin_expect(walk->boxes.parallel_axes != 0, 0))
+        boxtest_widen(&walk->boxes, bounds);
+    else
+        widen_floats(&walk->boxes, bounds);
+    begin(walk, state, view, unpacked);
+    return true;
+}
+
+BOXTEST_AVX2_INLINE void find(struct avx2_walk *walk)
+{
+    if (walk->state->ray->flags & RAY_TERMINATE_ON_FIRST_HIT)
+        moving_walk_any(walk, 0);
+    else
+        moving_walk_closest(walk, CHILD_ROOT);
 }
 
 BOXTEST_AVX2 bool traverse_avx2_moving(struct traverse_state *state, const struct portable_view *view,
@@ -170,10 +213,17 @@ BOXTEST_AVX2 bool traverse_avx2_moving(struct traverse_state *state, const struc
     struct avx2_walk walk;
     if (!unpacked || !avx2_walk_can_unpack(state) || !moving_walk_init(&walk, state, view, unpacked))
         return false;
-    if (state->ray->flags & RAY_TERMINATE_ON_FIRST_HIT)
-        moving_walk_any(&walk, 0);
-    else
-        moving_walk_closest(&walk, CHILD_ROOT);
+    find(&walk);
+    return true;
+}
+
+BOXTEST_AVX2 bool traverse_avx2_moving_world(struct traverse_state *state, const struct portable_view *view,
+                                             const struct unpacked_node *unpacked)
+{
+    struct avx2_walk walk;
+    if (!unpacked || !avx2_walk_can_unpack(state) || !moving_walk_init_world(&walk, state, view, unpacked))
+        return false;
+    find(&walk);
     return true;
 }
 
@@ -186,6 +236,12 @@ bool traverse_avx2_moving(struct traverse_state *state, const struct portable_vi
     (void)view;
     (void)unpacked;
     return false;
+}
+
+bool traverse_avx2_moving_world(struct traverse_state *state, const struct portable_view *view,
+                                const struct unpacked_node *unpacked)
+{
+    return traverse_avx2_moving(state, view, unpacked);
 }
 
 #endif

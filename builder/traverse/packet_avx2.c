@@ -90,9 +90,8 @@ BOXTEST_AVX2_INLINE struct avx2_walk *lane_walk(struct packet *packet, unsigned 
         packet->work.cost += COST_ALONE;
         struct traverse_state *state = &packet->states[lane].state;
         if (kind == PACKET_MOVING) {
-            traverse_state_to_world(state);
-            triangle_ray_init(state->origin, state->direction, &state->triangle_ray);
-            moving_walk_init(walk, state, packet->view, &packet->moving_nodes->start);
+            moving_walk_init_world(walk, state, packet->view, &packet->moving_nodes->start);
+            avx2_walk_init_triangles(walk);
         } else if (packet->object_to_world) {
             traverse_state_to_object(state, packet->object_to_world);
             triangle_ray_init(state->origin, state->direction, &state->triangle_ray);

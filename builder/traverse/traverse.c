@@ -128,6 +128,9 @@ static bool visit_others_only(struct traverse_walk *walk, const struct portable_
     const struct leaf_kind *kind = leaf_kind_of(view);
     if (!kind->walk_avx2)
         return false;
+    if (kind->walk_world)
+        return !traverse_state_settle(&walk->state, NULL, kind->skip_flag, kind->is_triangles) ||
+               kind->walk_world(&walk->state, view, unpacked_of(walk->scene, 0));
     traverse_state_to_world(&walk->state);
     return !traverse_state_enter(&walk->state, NULL, kind->skip_flag, kind->is_triangles) ||
            kind->walk_avx2(&walk->state, view, unpacked_of(walk->scene, 0));

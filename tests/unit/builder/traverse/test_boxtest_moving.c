@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* test_boxtest_moving.c - tests that no version of the test of moving nodes misses a box that a ray meets at its time. */
+/* test_boxtest_moving.c - tests that no test of moving nodes misses a box that a ray meets at its time. */
 #include "tests/support/unit.h"
 
 #include <float.h>
