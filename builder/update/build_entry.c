@@ -80,8 +80,6 @@ enum bvhd_status build_entry_prepare(const struct build_input *input, uint32_t i
 {
     struct build_entry entry = {.options = input->options, .is_update = input->mode == MODE_UPDATE};
     const struct preparing preparing = {input, index, source, context, &entry, error};
-    if (input->flags & BUILD_MOTION) /* THE DOOR: motion is not built until these two lines go */
-        return bvhd_error_set(error, BVHD_UNSUPPORTED, "infos.flags", "flag MOTION is not supported");
     enum bvhd_status status = prepare(input, index, limits, context, &entry.canonical, error);
     if (status != BVHD_OK)
         return status;
