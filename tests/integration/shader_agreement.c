@@ -2,13 +2,14 @@
 /*
  * shader_agreement.c - tests ray queries of the shaders over random structures and instances.
  *
- *     shader_agreement [--device NAME] [--kinds flat|round|all] [COUNT [SEED]]
+ *     shader_agreement [--device NAME] [--kinds flat|round|motion|all] [COUNT [SEED]]
  *
  * It covers every combination of ray flags, masks, opacities and facings; AABBs; candidates that are accepted, ignored,
  * accepted in part, or that end the query; through a storage buffer and through addresses. Each ray is compared with
  * the CPU traversal, and where they differ, with references. Structures are of triangles and AABBs (flat), of spheres
  * and linear swept spheres (round), or of all of them; without --kinds they are flat, and the shader is the one that
- * knows no others. That shader must find nothing in structures of round kinds.
+ * knows no others. That shader must find nothing in structures of round kinds, nor in those that move. With `motion`
+ * some structures are of motion triangles and most top levels of motion instances, and rays have times.
  *
  * The exit status is 1 when something is wrong, and 77 without a device.
  */
@@ -28,7 +29,9 @@ enum { RAYS = 256, CASES = 4, MOST_PRIMITIVES = 2000, MOST_BELOW_TOP = 300 };
 
 struct run {
     struct memory memory;
-    struct shader_bed *beds[2], *flat; /* flat: knows no round kinds; NULL where the others do not either */
+    struct shader_bed *beds[2];
+    struct shader_bed *flat; /* knows neither round kinds nor motion; NULL where the others do not either */
+    struct shader_bed *motion; /* knows motion, but no round kinds; NULL where nothing moves */
     struct shader_full_answer *answers;
     uint64_t seed, scenes, defects;
     enum random_choice kinds;
@@ -86,13 +89,21 @@ static void align_with_axis(struct random *random, struct ray *ray)
         ray->direction[i] = i != axis ? 0 : random_chance(random, 0.5) ? 1 : -1.0f;
 }
 
-static void make_rays(const struct shader_meshes *aims, const struct shader_case *shared, struct random *random,
-                      struct ray *rays)
+/* Both ends, the middle, where quaternions may be 0, and others. */
+static float random_time(struct random *random)
+{
+    static const float times[] = {0, 1, 0.5F, 0.25F};
+    return random_chance(random, 0.4) ? times[random_below(random, 4)] : (float)random_between(random, 0, 1);
+}
+
+static void make_rays(const struct shader_meshes *aims, const struct shader_case *shared, float time,
+                      struct random *random, struct ray *rays)
 {
     rays_make(aims->meshes, aims->count, random_next(random), RAYS, rays);
     for (uint32_t i = 0; i < RAYS; i++) {
         rays[i].flags = shared->flags;
         rays[i].cull_mask = shared->cull_mask;
+        rays[i].time = time;
         if (i % 4 == 1 && aims->count)
             aim_at_corner(aims, random, &rays[i]);
         if (i % 16 == 3)
@@ -156,37 +167,88 @@ static void trace_case(struct run *run, struct shader_bed *bed, const struct sce
         run->defects += shader_details_judge(what, scene, rays, RAYS, run->answers);
 }
 
-/* Counts hits of the shader that knows no round kinds as defects, if the scene has no others. */
-static void trace_flat(struct run *run, const struct scene *scene, const struct ray *rays)
+/* Counts all that a shader finds there as defects. */
+static void expect_nothing(struct run *run, struct shader_bed *bed, const struct ray *rays)
 {
     struct shader_answer answers[RAYS];
-    for (uint32_t i = 0; i < scene->bottom_count; i++)
-        if (scene->bottoms[i] && scene->bottoms[i]->header->content < PORTABLE_SPHERES)
-            return;
-    shader_bed_load(run->flat, scene);
-    shader_bed_trace(run->flat, rays, RAYS, SHADER_ACCEPT, answers);
+    shader_bed_trace(bed, rays, RAYS, SHADER_ACCEPT, answers);
     for (uint32_t i = 0; i < RAYS; i++)
         run->defects += answers[i].type != 0 || answers[i].candidate_count != 0;
 }
 
-static void trace_scene(struct run *run, const struct scene *scene, struct random *random)
+static bool has_content(const struct scene *scene, uint32_t first, uint32_t last)
 {
+    for (uint32_t i = 0; i < scene->bottom_count; i++)
+        if (scene->bottoms[i] && scene->bottoms[i]->header->content >= first &&
+            scene->bottoms[i]->header->content <= last)
+            return true;
+    return false;
+}
+
+static bool has_moving_top(const struct scene *scene)
+{
+    return scene->top && scene->top->header->content == PORTABLE_MOVING_INSTANCES;
+}
+
+/* The shader that knows neither round kinds nor motion must find nothing, if the scene has nothing else. */
+static void trace_flat(struct run *run, const struct scene *scene, const struct ray *rays)
+{
+    if (has_content(scene, PORTABLE_INDEXED_TRIANGLES, PORTABLE_INSTANCES) && !has_moving_top(scene))
+        return;
+    shader_bed_load(run->flat, scene);
+    expect_nothing(run, run->flat, rays);
+}
+
+/* What moves is nowhere at times that are not between 0 and 1. */
+static void trace_beyond(struct run *run, struct shader_bed *bed, const struct scene *scene, struct ray *rays)
+{
+    static const float times[] = {-0x1p-20F, 1.0F + 0x1p-20F, NAN, INFINITY};
+    if (has_content(scene, PORTABLE_INDEXED_TRIANGLES, PORTABLE_SWEPT_SPHERES) && !has_moving_top(scene))
+        return;
+    for (uint32_t i = 0; i < RAYS; i++)
+        rays[i].time = times[i % 4];
+    expect_nothing(run, bed, rays);
+}
+
+static struct shader_bed *choose_bed(const struct run *run, const struct scene *scene)
+{
+    if (run->motion && run->seed % 4 < 2 && !has_content(scene, PORTABLE_SPHERES, PORTABLE_SWEPT_SPHERES))
+        return run->motion;
+    return run->beds[run->seed % 2 && run->beds[1] ? 1 : 0];
+}
+
+/* Traces a case at one time. Returns false when shaders guarantee nothing about the scene; rays are not made then. */
+static bool trace_moment(struct run *run, struct shader_bed *bed, const struct scene *scene, float time,
+                         struct random *random, struct ray *rays)
+{
+    struct shader_still still;
     struct shader_meshes aims;
-    struct ray rays[RAYS];
-    struct shader_bed *bed = run->beds[run->seed % 2 && run->beds[1] ? 1 : 0];
-    shader_meshes_make(scene, NULL, &aims);
-    bool is_asked = is_promised(scene, &aims);
-    run->scenes += is_asked;
-    if (is_asked)
-        shader_bed_load(bed, scene);
-    for (int i = 0; i < CASES && is_asked; i++) {
+    shader_still_make(scene, time, &still);
+    shader_meshes_make(&still.scene, NULL, &aims);
+    bool is_asked = is_promised(&still.scene, &aims);
+    if (is_asked) {
         struct shader_case shared = random_case(random);
-        make_rays(&aims, &shared, random, rays);
+        make_rays(&aims, &shared, time, random, rays);
         trace_case(run, bed, scene, &shared, rays);
     }
+    shader_meshes_finish(&aims);
+    shader_still_finish(&still);
+    return is_asked;
+}
+
+static void trace_scene(struct run *run, const struct scene *scene, struct random *random)
+{
+    struct ray rays[RAYS];
+    struct shader_bed *bed = choose_bed(run, scene);
+    bool moves = shader_still_moves(scene), is_asked = true;
+    shader_bed_load(bed, scene);
+    for (int i = 0; i < CASES && is_asked; i++)
+        is_asked = trace_moment(run, bed, scene, moves ? random_time(random) : 0, random, rays);
+    run->scenes += is_asked;
     if (is_asked && run->flat)
         trace_flat(run, scene, rays);
-    shader_meshes_finish(&aims);
+    if (is_asked && moves)
+        trace_beyond(run, bed, scene, rays);
 }
 
 static void build_one(struct run *run, const struct build_input *input, struct batch_item *ret_item,
@@ -197,6 +259,8 @@ static void build_one(struct run *run, const struct build_input *input, struct b
     struct build_context context = {.memory = &run->memory, .parallel = &parallel_serial};
     struct build_input told = *input;
     told.options.builder = builders_turn(run->seed / 2);
+    if (run->kinds == RANDOM_MOTION)
+        told.flags &= ~(uint32_t)BUILD_ALLOW_UPDATE; /* which what moves does not have */
     if (batch_build(&told, 1, &limits, &context, ret_item, &error) != BVHD_OK || ret_item->status != BVHD_OK ||
         portable_open((struct bytes){ret_item->blob, ret_item->size}, &run->memory, ret_view, &error) != BVHD_OK) {
         fprintf(stderr, "shader_agreement --kinds %s 1 %llu: does not build: %s\n", random_choice_name(run->kinds),
@@ -245,7 +309,8 @@ static void run_top(struct run *run, struct random *random)
 static bool open_beds(struct run *run, const char *device)
 {
     struct bvhd_error error;
-    struct shader_bed_options options = {.device = device, .is_round = run->kinds != RANDOM_FLAT};
+    struct shader_bed_options options = {
+        .device = device, .is_round = run->kinds != RANDOM_FLAT, .moves = run->kinds == RANDOM_MOTION};
     if (shader_bed_create(&options, &run->memory, &run->beds[0], &error) != BVHD_OK) {
         fprintf(stderr, "shader_agreement: skipped: %s\n", error.text);
         return false;
@@ -254,6 +319,9 @@ static bool open_beds(struct run *run, const char *device)
     if (shader_bed_create(&options, &run->memory, &run->beds[1], &error) != BVHD_OK)
         fprintf(stderr, "shader_agreement: without addresses: %s\n", error.text);
     options.is_round = options.by_address = false;
+    if (options.moves && shader_bed_create(&options, &run->memory, &run->motion, &error) != BVHD_OK)
+        return false;
+    options.moves = false;
     return run->kinds == RANDOM_FLAT || shader_bed_create(&options, &run->memory, &run->flat, &error) == BVHD_OK;
 }
 
@@ -288,7 +356,7 @@ int main(int argc, char **argv)
     int next = 1;
     for (; next + 1 < argc && argv[next][0] == '-'; next += 2)
         if (!parse_option(&run, argv[next], argv[next + 1], &device)) {
-            fprintf(stderr, "usage: shader_agreement [--device NAME] [--kinds flat|round|all] [COUNT [SEED]]\n");
+            fprintf(stderr, "usage: shader_agreement [--device NAME] [--kinds flat|round|motion|all] [COUNT [SEED]]\n");
             return 2;
         }
     uint64_t count = argc > next ? strtoull(argv[next], NULL, 10) : 60,
@@ -314,6 +382,7 @@ int main(int argc, char **argv)
     shader_bed_destroy(run.beds[0]);
     shader_bed_destroy(run.beds[1]);
     shader_bed_destroy(run.flat);
+    shader_bed_destroy(run.motion);
     free(run.answers);
     if (thin)
         fprintf(stderr, "shader_agreement: too few of these rays decide anything\n");

@@ -7,6 +7,10 @@
 
 #include "tests/support/shader_agreement.h"
 #include "tests/support/shader_agreement_address.h"
+#include "tests/support/shader_agreement_all.h"
+#include "tests/support/shader_agreement_all_address.h"
+#include "tests/support/shader_agreement_motion.h"
+#include "tests/support/shader_agreement_motion_address.h"
 #include "tests/support/shader_agreement_round.h"
 #include "tests/support/shader_agreement_round_address.h"
 
@@ -18,7 +22,9 @@ enum { HIT_PORTION = 1 << 18, BINDINGS = 3 };
 
 struct kernel_ray {
     float origin[3], tmin, direction[3], tmax;
-    uint32_t flags, cull_mask, padding[2];
+    uint32_t flags, cull_mask;
+    float time;
+    uint32_t padding;
 };
 
 struct kernel_push {
@@ -51,15 +57,20 @@ bool shader_policy_accepts(uint32_t instance, uint32_t geometry, uint32_t primit
 
 /* ---- the device ---- */
 
-/* The kernels by whether they know spheres and linear swept spheres, and whether they find the scene by its address. */
+#define CODE(name) name##_code, sizeof name##_code
+
+/*
+ * The kernels by whether they know spheres and linear swept spheres, whether they know motion, and whether they find the
+ * scene by its address.
+ */
 static const struct {
     const uint32_t *words;
     size_t size;
-} codes[2][2] = {
-    {{shader_agreement_code, sizeof shader_agreement_code},
-     {shader_agreement_address_code, sizeof shader_agreement_address_code}},
-    {{shader_agreement_round_code, sizeof shader_agreement_round_code},
-     {shader_agreement_round_address_code, sizeof shader_agreement_round_address_code}},
+} codes[2][2][2] = {
+    {{{CODE(shader_agreement)}, {CODE(shader_agreement_address)}},
+     {{CODE(shader_agreement_motion)}, {CODE(shader_agreement_motion_address)}}},
+    {{{CODE(shader_agreement_round)}, {CODE(shader_agreement_round_address)}},
+     {{CODE(shader_agreement_all)}, {CODE(shader_agreement_all_address)}}},
 };
 
 static void create_kernel(struct shader_bed *bed, const struct shader_bed_options *options)
@@ -67,8 +78,8 @@ static void create_kernel(struct shader_bed *bed, const struct shader_bed_option
     struct bvhd_error error;
     const uint32_t constants[] = {options->plain_bytes, options->fused_fma};
     struct gpu_kernel_options kernel = {
-        .code = codes[options->is_round][options->by_address].words,
-        .size = codes[options->is_round][options->by_address].size,
+        .code = codes[options->is_round][options->moves][options->by_address].words,
+        .size = codes[options->is_round][options->moves][options->by_address].size,
         .bindings = BINDINGS,
         .push_size = sizeof(struct kernel_push),
         .constants = constants,
@@ -146,8 +157,11 @@ static void patch_instances(unsigned char *body, const struct portable_view *top
     unsigned char *records = body + top->header->record_offset;
     for (uint32_t i = 0; i < top->header->record_count; i++) {
         struct portable_instance *record = (struct portable_instance *)(void *)records + i;
-        uint64_t location = locations[record->handle];
-        bytes_put64((unsigned char *)record->reserved, location == UINT64_MAX ? location : base + location);
+        struct portable_moving_instance *moving = (struct portable_moving_instance *)(void *)records + i;
+        bool moves = top->header->content == PORTABLE_MOVING_INSTANCES;
+        uint64_t location = locations[moves ? moving->handle : record->handle];
+        bytes_put64((unsigned char *)(moves ? &moving->reserved[1] : &record->reserved[0]),
+                    location == UINT64_MAX ? location : base + location);
     }
 }
 
@@ -180,8 +194,11 @@ static void write_rays(struct shader_bed *bed, const struct ray *rays, uint32_t 
 {
     struct kernel_ray *row = bed->rays.mapped;
     for (uint32_t i = 0; i < count; i++) {
-        row[i] = (struct kernel_ray){
-            .tmin = rays[i].tmin, .tmax = rays[i].tmax, .flags = rays[i].flags, .cull_mask = rays[i].cull_mask};
+        row[i] = (struct kernel_ray){.tmin = rays[i].tmin,
+                                     .tmax = rays[i].tmax,
+                                     .flags = rays[i].flags,
+                                     .cull_mask = rays[i].cull_mask,
+                                     .time = rays[i].time};
         memcpy(row[i].origin, rays[i].origin, sizeof row[i].origin);
         memcpy(row[i].direction, rays[i].direction, sizeof row[i].direction);
     }

@@ -49,7 +49,8 @@ struct shader_bed;
 struct shader_bed_options {
     const char *device; /* as for gpu_open */
     bool by_address; /* the shader reads the structures by their device address; otherwise through a storage buffer */
-    bool plain_bytes, fused_fma, is_round; /* the shader's BVHD_PLAIN_BYTES, BVHD_FUSED_FMA and BVHD_ROUND */
+    bool plain_bytes, fused_fma; /* the shader's BVHD_PLAIN_BYTES and BVHD_FUSED_FMA */
+    bool is_round, moves; /* whether it knows spheres and linear swept spheres, and motion */
 };
 
 /* Returns BVHD_UNAVAILABLE or BVHD_NOT_FOUND when there is no such device. */

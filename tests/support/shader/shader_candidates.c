@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "tests/support/shader/shader_candidates.h"
 
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -166,7 +167,7 @@ static void report(const char *what, const char *wrong, const struct ray *ray, c
 }
 
 /* Judges the candidates that `list` has and `other` does not have. */
-static void judge_missing(const char *what, const struct scene *scene, const struct ray *ray,
+static void judge_missing(const char *what, const struct shader_still *still, const struct ray *ray,
                           const struct candidate_list *list, const struct candidate_list *other, bool is_ours,
                           struct memory *memory, struct shader_candidate_tally *tally)
 {
@@ -175,15 +176,17 @@ static void judge_missing(const char *what, const struct scene *scene, const str
         if (find(other, hit))
             continue;
         tally->differing++;
-        bool is_right = hit->is_aabb ? is_box_right(scene, ray, hit, is_ours)
-                                     : is_primitive_right(scene, ray, hit, is_ours, memory);
+        bool is_right = shader_still_is_flat(still, hit->instance) ||
+                        (hit->is_aabb ? is_box_right(&still->scene, ray, hit, is_ours)
+                                      : is_primitive_right(&still->scene, ray, hit, is_ours, memory));
         if (!is_right)
             report(what, is_ours ? "must not be one" : "is missing", ray, hit, tally);
     }
 }
 
-static void judge_ray(const char *what, const struct scene *scene, const struct ray *ray,
-                      const struct shader_full_answer *answer, struct memory *memory,
+/* The CPU traverses `scene`; `still` is what it is at the ray's time. */
+static void judge_ray(const char *what, const struct scene *scene, const struct shader_still *still,
+                      const struct ray *ray, const struct shader_full_answer *answer, struct memory *memory,
                       struct shader_candidate_tally *tally)
 {
     struct candidate_list ours = {.count = 0}, theirs = {.count = 0};
@@ -197,21 +200,25 @@ static void judge_ray(const char *what, const struct scene *scene, const struct 
         hit = shader_judge_hit(&answer->candidates[i]);
         add(&ours, &hit);
         const struct ray_hit *same = find(&theirs, &hit);
-        if (same && !is_told_rightly(scene, ray, &hit, same, memory))
+        if (same && !shader_still_is_flat(still, hit.instance) &&
+            !is_told_rightly(&still->scene, ray, &hit, same, memory))
             report(what, "has wrong values", ray, &hit, tally);
     }
     tally->rays++;
     tally->candidates += ours.count;
-    judge_missing(what, scene, ray, &ours, &theirs, true, memory, tally);
-    judge_missing(what, scene, ray, &theirs, &ours, false, memory, tally);
+    judge_missing(what, still, ray, &ours, &theirs, true, memory, tally);
+    judge_missing(what, still, ray, &theirs, &ours, false, memory, tally);
 }
 
 void shader_candidates_judge(const char *what, const struct scene *scene, const struct ray *rays, uint32_t count,
                              const struct shader_full_answer *answers, struct memory *memory,
                              struct shader_candidate_tally *tally)
 {
+    struct shader_still still;
+    shader_still_make(scene, rays[0].time, &still);
     for (uint32_t i = 0; i < count; i++)
-        judge_ray(what, scene, &rays[i], &answers[i], memory, tally);
+        judge_ray(what, scene, &still, &rays[i], &answers[i], memory, tally);
+    shader_still_finish(&still);
 }
 
 /* ---- details ---- */
@@ -227,15 +234,25 @@ static bool are_close(const long double *exact, const float *got)
     return true;
 }
 
-static bool are_matrices_right(const struct portable_instance *instance, const struct shader_details *details)
+/* Whether a number of a matrix is right: to the bit where it is stored, nearly where shaders compute it. */
+static bool is_number_right(float got, float exact, const float *row, bool is_computed)
+{
+    float largest = fmaxf(fmaxf(fabsf(row[0]), fabsf(row[1])), fmaxf(fabsf(row[2]), fabsf(row[3])));
+    return got == exact || (is_computed && fabsf(got - exact) <= 1e-6f * largest);
+}
+
+static bool are_matrices_right(const struct portable_instance *instance, bool is_computed,
+                               const struct shader_details *details)
 {
     static const float identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
     const float *there = instance ? instance->object_to_world : identity,
                 *back = instance ? instance->world_to_object : identity;
     for (int row = 0; row < 3; row++)
         for (int column = 0; column < 4; column++)
-            if (details->object_to_world[column][row] != there[4 * row + column] ||
-                details->world_to_object[column][row] != back[4 * row + column])
+            if (!is_number_right(details->object_to_world[column][row], there[4 * row + column], there + 4 * row,
+                                 is_computed) ||
+                !is_number_right(details->world_to_object[column][row], back[4 * row + column], back + 4 * row,
+                                 is_computed))
                 return false;
     return true;
 }
@@ -259,18 +276,18 @@ static void expect_corners(const struct scene *scene, const struct ray_hit *hit,
     }
 }
 
-static const char *wrong_detail(const struct scene *scene, const struct ray *ray, const struct ray_hit *hit,
+static const char *wrong_detail(const struct shader_still *still, const struct ray *ray, const struct ray_hit *hit,
                                 const struct shader_details *details)
 {
-    const struct portable_instance *instance = find_instance(scene, hit->instance);
+    const struct portable_instance *instance = find_instance(&still->scene, hit->instance);
     struct long_ray local = candidates_ray(ray);
     float corners[3][3];
     if (instance)
         local = candidates_ray_into(&local, instance->object_to_world);
-    expect_corners(scene, hit, corners);
+    expect_corners(&still->scene, hit, corners);
     if (memcmp(corners, details->corners, sizeof corners) != 0)
         return "has other corners";
-    if (!are_matrices_right(instance, details))
+    if (!are_matrices_right(instance, still->has_moving_top, details))
         return "has other matrices";
     if (!are_close(local.origin, details->object_origin) || !are_close(local.direction, details->object_direction))
         return "has another ray in object space";
@@ -281,13 +298,17 @@ uint64_t shader_details_judge(const char *what, const struct scene *scene, const
                               const struct shader_full_answer *answers)
 {
     struct shader_candidate_tally tally = {0};
+    struct shader_still still;
+    shader_still_make(scene, rays[0].time, &still);
     for (uint32_t i = 0; i < count; i++) {
         struct ray_hit hit, ours = shader_judge_hit(&answers[i].answer.hit);
-        if (!answers[i].answer.type || !traverse(scene, &rays[i], NULL, &hit, NULL) || !is_same_primitive(&hit, &ours))
+        if (!answers[i].answer.type || shader_still_is_flat(&still, ours.instance) ||
+            !traverse(scene, &rays[i], NULL, &hit, NULL) || !is_same_primitive(&hit, &ours))
             continue;
-        const char *wrong = wrong_detail(scene, &rays[i], &hit, &answers[i].details);
+        const char *wrong = wrong_detail(&still, &rays[i], &hit, &answers[i].details);
         if (wrong)
             report(what, wrong, &rays[i], &ours, &tally);
     }
+    shader_still_finish(&still);
     return tally.defects;
 }

@@ -126,12 +126,22 @@ static bool is_about_boxes(const struct difference *difference)
     return (difference->is_hit && difference->hit.is_aabb) || (difference->is_cpu_hit && difference->cpu.is_aabb);
 }
 
-static void judge_one(const char *what, const struct difference *difference, const struct oracle_answer *answer,
-                      struct shader_tally *tally)
+static bool is_about_flat(const struct shader_still *still, const struct difference *difference)
+{
+    return (difference->is_hit && shader_still_is_flat(still, difference->hit.instance)) ||
+           (difference->is_cpu_hit && shader_still_is_flat(still, difference->cpu.instance));
+}
+
+static void judge_one(const char *what, const struct shader_still *still, const struct difference *difference,
+                      const struct oracle_answer *answer, struct shader_tally *tally)
 {
     static const char *const names[] = {"right", "uncertain", "wrong miss", "wrong hit", "wrong primitive"};
     if (is_about_boxes(difference)) {
         tally->boxes++;
+        return;
+    }
+    if (is_about_flat(still, difference)) {
+        tally->uncertain++;
         return;
     }
     enum oracle_verdict verdict = oracle_judge(answer, difference->is_hit ? &difference->hit : NULL, NULL);
@@ -148,20 +158,23 @@ static void judge_differences(const char *what, const struct scene *scene, const
 {
     struct bvhd_error error;
     struct shader_meshes meshes;
+    struct shader_still still;
     struct ray *rays = allocate(count, sizeof *rays);
     struct oracle_answer *answers = allocate(count, sizeof *answers);
     for (uint32_t i = 0; i < count; i++)
         rays[i] = differences[i].ray;
-    shader_meshes_make(scene, shared, &meshes);
+    shader_still_make(scene, rays[0].time, &still);
+    shader_meshes_make(&still.scene, shared, &meshes);
     if (oracle_trace(meshes.meshes, meshes.count, rays, count, memory, parallel, NULL, NULL, answers, &error) !=
         BVHD_OK) {
         fprintf(stderr, "shader judge: %s: %s\n", error.where, error.text);
         exit(1);
     }
     for (uint32_t i = 0; i < count; i++)
-        judge_one(what, &differences[i], &answers[i], tally);
+        judge_one(what, &still, &differences[i], &answers[i], tally);
     oracle_finish(answers, count, memory);
     shader_meshes_finish(&meshes);
+    shader_still_finish(&still);
     free(answers);
     free(rays);
 }

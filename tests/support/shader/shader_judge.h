@@ -7,6 +7,7 @@
 #define BVHD_SHADER_JUDGE_H
 
 #include "tests/support/shader/shader_meshes.h"
+#include "tests/support/shader/shader_still.h"
 
 struct shader_tally {
     uint64_t rays, hits; /* hits of the CPU */
@@ -20,8 +21,8 @@ struct shader_tally {
 };
 
 /*
- * Judges the answers. rays[i].flags and cull_mask must be those of the case. Adds to *tally, and prints the first
- * defects of a call as "WHAT: ...".
+ * Judges the answers. rays[i].flags and cull_mask must be those of the case, and all rays must have the same time if
+ * something moves. Adds to *tally, and prints the first defects of a call as "WHAT: ...".
  */
 void shader_judge(const char *what, const struct scene *scene, const struct shader_case *shared, const struct ray *rays,
                   uint32_t count, const struct shader_answer *answers, const struct parallel *parallel,

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Writes what ray queries over portable structures report about each ray, in the layout that shader_bed.h reads. It is
-// compiled with BVHD_BUFFER_ADDRESS and without, each with BVHD_ROUND and without.
+// compiled with each combination of BVHD_BUFFER_ADDRESS, BVHD_ROUND and BVHD_MOTION.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #ifdef BVHD_BUFFER_ADDRESS
@@ -25,7 +25,7 @@ layout(set = 0, binding = 0, std430) readonly buffer SceneWords { uint scene_wor
 struct Ray {
     vec4 origin; // w: tmin
     vec4 direction; // w: tmax
-    uvec4 flags; // ray flags, cull mask
+    uvec4 flags; // ray flags, cull mask, time
 };
 layout(set = 0, binding = 1, std430) readonly buffer Rays { Ray rays[]; };
 layout(set = 0, binding = 2, std430) writeonly buffer Answers { uint answers[]; };
@@ -115,8 +115,13 @@ void main()
     uint row = index * (12u + (most_candidates > 0u ? 39u + 10u * most_candidates : 0u)), candidates = 0u;
     Ray ray = rays[index];
     BvhdRayQuery query;
+#ifdef BVHD_MOTION
+    bvhdRayQueryInitializeMotion(query, root, ray.flags.x, ray.flags.y, ray.origin.xyz, ray.origin.w, ray.direction.xyz,
+                                 ray.direction.w, uintBitsToFloat(ray.flags.z));
+#else
     bvhdRayQueryInitialize(query, root, ray.flags.x, ray.flags.y, ray.origin.xyz, ray.origin.w, ray.direction.xyz,
                            ray.direction.w);
+#endif
     while (bvhdRayQueryProceed(query)) {
         uint at = row + 51u + 10u * candidates;
         if (candidates < most_candidates)

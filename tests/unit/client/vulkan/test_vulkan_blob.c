@@ -225,6 +225,59 @@ static void portions_of_portable_bodies_fit_together(void **state)
     vulkan_bed_finish(&bed);
 }
 
+/* A body of a top level of motion instances; only what a loader reads of it is there. */
+static struct bytes moving_top(uint32_t count)
+{
+    const uint32_t handles = 3, record_offset = 192;
+    const uint64_t body = portable_body_offset(handles), body_size = record_offset + (uint64_t)160 * count;
+    unsigned char *data = calloc(1, body + body_size);
+    struct serialized_header header = {
+        .serialized_size = body + body_size, .deserialized_size = body_size, .handle_count = handles};
+    struct portable_header top = {.magic = PORTABLE_MAGIC,
+                                  .version = 2,
+                                  .content = PORTABLE_MOVING_INSTANCES,
+                                  .record_count = count,
+                                  .record_offset = record_offset,
+                                  .body_size = body_size};
+    memcpy(header.driver_uuid, portable_driver_uuid, sizeof header.driver_uuid);
+    portable_compatibility_uuid(2, header.compatibility_uuid);
+    serialized_write(data, &header);
+    for (uint32_t i = 0; i < handles; i++)
+        bytes_put64(data + SERIALIZED_HANDLES + (uint64_t)8 * i, handles - i);
+    memcpy(data + body, &top, sizeof top);
+    for (uint32_t i = 0; i < count; i++)
+        bytes_put32(data + body + record_offset + (uint64_t)160 * i + 16, i % handles);
+    return (struct bytes){data, body + body_size};
+}
+
+/* Locations are written behind the handle, whichever portion they are in. */
+static void motion_instances_get_locations(void **state)
+{
+    (void)state;
+    enum { COUNT = 9 };
+    struct vulkan_blob blob;
+    const uint64_t references[3] = {64, UINT64_C(0x123456789a), 1024};
+    const struct bytes bytes = moving_top(COUNT);
+    assert_int_equal(vulkan_blob_read(bytes, &blob, NULL), BVHD_OK);
+    assert_int_equal(blob.type, VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR);
+    assert_int_equal(blob.record_count, COUNT);
+    unsigned char *expected = malloc(blob.body.size), *got = malloc(blob.body.size);
+    memcpy(expected, blob.body.data, blob.body.size);
+    for (uint32_t i = 0; i < COUNT; i++)
+        bytes_put64(expected + 192 + (uint64_t)160 * i + 24, references[2 - i % 3]);
+    for (uint64_t portion = 64; portion <= blob.body.size + 64; portion += 64) {
+        memset(got, 0xaa, blob.body.size);
+        for (uint64_t begin = 0; begin < blob.body.size; begin += portion) {
+            uint64_t end = begin + portion < blob.body.size ? begin + portion : blob.body.size;
+            assert_int_equal(vulkan_blob_fill_portable(&blob, references, begin, end, got + begin, NULL), BVHD_OK);
+        }
+        assert_memory_equal(got, expected, blob.body.size);
+    }
+    free(expected);
+    free(got);
+    free((void *)(uintptr_t)bytes.data);
+}
+
 static void instances_without_a_handle_are_refused(void **state)
 {
     (void)state;
@@ -274,6 +327,7 @@ int main(void)
         cmocka_unit_test(heads_that_lie_are_refused),
         cmocka_unit_test(references_have_to_be_there),
         cmocka_unit_test(portions_of_portable_bodies_fit_together),
+        cmocka_unit_test(motion_instances_get_locations),
         cmocka_unit_test(instances_without_a_handle_are_refused),
         cmocka_unit_test(native_blobs_get_references_for_handles),
     };
