@@ -60,8 +60,8 @@ bool shader_policy_accepts(uint32_t instance, uint32_t geometry, uint32_t primit
 #define CODE(name) name##_code, sizeof name##_code
 
 /*
- * The kernels by whether they know spheres and linear swept spheres, whether they know motion, and whether they find the
- * scene by its address.
+ * The kernels by whether they know spheres and linear swept spheres, whether they know motion, and whether they find
+ * the scene by its address.
  */
 static const struct {
     const uint32_t *words;
