@@ -42,6 +42,7 @@ struct ray {
     uint32_t flags;
     uint32_t cull_mask; /* bits 7 .. 0: instances with mask & cull_mask == 0 are invisible */
     float time; /* 0 .. 1: when it meets what moves; structures without motion ignore it */
+    uint32_t reserved; /* 0: programs can pass these rays to the library, whose rays end with it, too */
 };
 
 /* Returns whether nothing about the ray's flags or interval is unusual, so that the fastest ways can take it. */

@@ -19,6 +19,7 @@ SAME_PLACE(bvhd_cpu_ray, tmax, ray, tmax);
 SAME_PLACE(bvhd_cpu_ray, flags, ray, flags);
 SAME_PLACE(bvhd_cpu_ray, mask, ray, cull_mask);
 SAME_PLACE(bvhd_cpu_ray, time, ray, time);
+SAME_PLACE(bvhd_cpu_ray, reserved, ray, reserved);
 SAME_PLACE(bvhd_cpu_hit, t, ray_hit, t);
 SAME_PLACE(bvhd_cpu_hit, u, ray_hit, u);
 SAME_PLACE(bvhd_cpu_hit, v, ray_hit, v);
@@ -30,6 +31,7 @@ SAME_PLACE(bvhd_cpu_hit, sbt_offset, ray_hit, sbt_offset);
 SAME_PLACE(bvhd_cpu_hit, blob, ray_hit, handle);
 SAME_PLACE(bvhd_cpu_hit, record, ray_hit, record);
 SAME_PLACE(bvhd_cpu_hit, instance_record, ray_hit, instance_record);
+_Static_assert(sizeof(struct bvhd_cpu_ray) == sizeof(struct ray), "bvhctl passes arrays of rays");
 _Static_assert(sizeof(struct bvhd_cpu_hit) == sizeof(struct ray_hit), "a hit is copied as a whole");
 _Static_assert((int)BVHD_CPU_CONFIRM == (int)CANDIDATE_ACCEPT &&
                    (int)BVHD_CPU_TERMINATE == (int)CANDIDATE_IGNORE_AND_END,
