@@ -106,7 +106,9 @@ static void build_geometries(const struct geometry *geometries, uint32_t count, 
     unsigned char *blob;
     struct limits limits = limits_default();
     struct build_context context = {.memory = &memory, .parallel = &parallel_serial};
+    const bool moves = geometries[count - 1].type == GEOMETRY_MOVING_TRIANGLES;
     struct build_input input = {.type = STRUCTURE_BOTTOM,
+                                .flags = moves ? BUILD_MOTION : 0,
                                 .geometry_count = count,
                                 .geometries = geometries,
                                 .options = {.quality = QUALITY_BALANCED,
@@ -155,6 +157,28 @@ static inline void build_round(uint32_t type, struct bytes *ret_blob)
         geometry.swept_spheres =
             (struct geometry_swept_spheres){spheres, .indexing_mode = SWEPT_LIST, .end_caps_mode = SWEPT_CAPS_CHAINED};
     build_geometries(&geometry, 1, 0, ret_blob);
+}
+
+/* The triangles, which move: each by a way of its own, and the first geometry not at all. */
+static inline void build_moving(struct bytes *ret_blob)
+{
+    static float ends[TRIANGLES * 9];
+    struct geometry geometries[2];
+    const float *starts = (const float *)(const void *)positions;
+    for (int i = 0; i < TRIANGLES * 9; i++)
+        ends[i] = starts[i] + 0.5f * (float)((i / 9 + i % 3) % 5 - 2);
+    for (int i = 0; i < 2; i++)
+        geometries[i] =
+            (struct geometry){.type = i ? GEOMETRY_MOVING_TRIANGLES : GEOMETRY_TRIANGLES,
+                              .triangles = {.vertex_format = VK_FORMAT_R32G32B32_SFLOAT,
+                                            .max_vertex = TRIANGLES * 3 - 1,
+                                            .vertex_stride = 12,
+                                            .index_type = INDEX_NONE,
+                                            .vertices = {(const unsigned char *)positions, sizeof positions}},
+                              .range = {.primitive_count = i ? TRIANGLES - FIRST_GEOMETRY : FIRST_GEOMETRY,
+                                        .first_vertex = i ? 3 * FIRST_GEOMETRY : 0}};
+    geometries[1].triangles.end_vertices = (struct bytes){(const unsigned char *)ends, sizeof ends};
+    build_geometries(geometries, 2, 0, ret_blob);
 }
 
 #endif

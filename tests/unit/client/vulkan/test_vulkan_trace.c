@@ -382,6 +382,33 @@ static void test_round(void **state)
         }
 }
 
+/* What moves is traced by the query, too, and each ray meets it at a time of its own. */
+static void test_motion(void **state)
+{
+    (void)state;
+    struct bytes blob;
+    build_moving(&blob);
+    for (int i = 0; i < RAYS; i++)
+        rays[i].time = (float)(i % 9) / 8;
+    for (int kind = WITHOUT_DOUBLES; kind <= WITHOUT_ADDRESSES; kind++) {
+        struct bed bed;
+        struct portable_view view;
+        struct vulkan_trace_counters counters;
+        assert_int_equal(portable_open(blob, &memory, &view, NULL), BVHD_OK);
+        assert_int_equal(view.header->content, PORTABLE_MOVING_TRIANGLES);
+        const struct portable_view *const bottoms[] = {&view};
+        const struct scene scene = {.bottoms = bottoms, .bottom_count = 1};
+        open_bed(&bed, &blob, 1, (enum device_kind)kind);
+        assert_false(bed.tracer->has_closest);
+        for (int way = BY_QUERY; way <= INCOHERENT; way++) {
+            trace_in_batches(&bed, (enum way)way, &scene, RAYS, &counters);
+            trace_any_hit(&bed, (enum way)way, &scene);
+        }
+        close_bed(&bed);
+    }
+    memory_free(&memory, (void *)(uintptr_t)blob.data);
+}
+
 /* A scene in the program's own buffer, described by its bytes, is traced as the library's scene is. */
 static void test_own_buffer(void **state)
 {
@@ -450,6 +477,7 @@ int main(void)
         cmocka_unit_test(test_order),          cmocka_unit_test(test_small_halves), cmocka_unit_test(test_indexed),
         cmocka_unit_test(test_large_steps),    cmocka_unit_test(test_fine),         cmocka_unit_test(test_own_buffer),
         cmocka_unit_test(test_fast_triangles), cmocka_unit_test(test_both),         cmocka_unit_test(test_round),
+        cmocka_unit_test(test_motion),
     };
     struct bvhd_error error;
     memory_init(&memory, UINT64_MAX);
