@@ -297,10 +297,11 @@ void broken_input_init(struct broken_input *ret_broken, struct random *random, e
             .kind = REFERENCE_BLAS, .handle = 50 + i, .bounds = {{-1, -1, -1}, {1, 1, (float)(i + 1)}}};
     ret_broken->input.references = ret_broken->references;
     ret_broken->input.reference_count = BROKEN_REFERENCES;
+    const bool may_move = random_kind_count(choice) == RANDOM_KINDS;
     if (random_chance(random, 0.3))
-        (choice == RANDOM_MOTION ? make_moving_top : make_top)(ret_broken, random);
+        (may_move && random_chance(random, 0.7) ? make_moving_top : make_top)(ret_broken, random);
     for (uint32_t i = 1 + random_below(random, 3); i > 0; i--) {
-        uint32_t which = random_below(random, choice == RANDOM_MOTION ? BREAKS : BREAKS - 1);
+        uint32_t which = random_below(random, may_move ? BREAKS : BREAKS - 1);
         size_t length = strlen(ret_broken->what);
         breaks[which].apply(ret_broken, random);
         snprintf(ret_broken->what + length, sizeof ret_broken->what - length, "%s%s", length ? ", " : "",

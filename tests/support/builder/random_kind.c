@@ -33,7 +33,9 @@ static const struct random_kind *any_moving(struct random *random)
 
 static const struct random_kind *any(struct random *random)
 {
-    return random_chance(random, 0.5) ? any_flat(random) : any_round(random);
+    return random_chance(random, 0.3)   ? any_moving(random)
+           : random_chance(random, 0.5) ? any_flat(random)
+                                        : any_round(random);
 }
 
 static const struct {
@@ -44,7 +46,7 @@ static const struct {
     [RANDOM_FLAT] = {"flat", any_flat, RANDOM_FLAT_KINDS},
     [RANDOM_ROUND] = {"round", any_round, RANDOM_ROUND_KINDS},
     [RANDOM_MOTION] = {"motion", any_moving, RANDOM_KINDS},
-    [RANDOM_ALL] = {"all", any, RANDOM_ROUND_KINDS},
+    [RANDOM_ALL] = {"all", any, RANDOM_KINDS},
 };
 
 uint32_t random_kind_count(enum random_choice choice)

@@ -146,7 +146,9 @@ void random_top_init_of(struct random_top *ret_top, struct random *random, uint3
         ret_top->references[i] =
             (struct reference){.kind = REFERENCE_BLAS, .handle = 1000 - 7 * (uint64_t)i, .has_key = true};
     }
-    ret_top->moves = choice == RANDOM_MOTION;
+    for (uint32_t i = 0; i < ret_top->bottom_count; i++)
+        ret_top->moves |= random_input_moves(&ret_top->bottoms[i]);
+    ret_top->moves |= choice == RANDOM_MOTION || (choice == RANDOM_ALL && random_chance(random, 0.3));
     ret_top->instance_count = random_below(random, RANDOM_TOP_INSTANCES + 1);
     make_records(ret_top, random);
     random_input_options(&ret_top->input, random);
