@@ -69,6 +69,24 @@ static void no_structure_is_larger(void **state)
     assert_int_equal(memory.live, 0);
 }
 
+/* Geometry that stands still takes as much as what moves beside it, wherever it is in the request. */
+static void no_moving_structure_is_larger(void **state)
+{
+    (void)state;
+    uint64_t moving = 0;
+    for (uint64_t seed = 1; seed <= 10 * CASES; seed++) {
+        struct random random = {seed * UINT64_C(0x9e3779b97f4a7c15)};
+        struct random_input input;
+        random_input_bottom_of(&input, &random, seed % 8 ? 16 : MOST_PRIMITIVES, RANDOM_MOTION);
+        moving += random_input_moves(&input);
+        input.input.flags &= ~(uint32_t)BUILD_ALLOW_UPDATE;
+        check_bound(&input.input, seed);
+        random_input_finish(&input);
+    }
+    assert_true(moving > CASES);
+    assert_int_equal(memory.live, 0);
+}
+
 /* Every vertex is used by one primitive alone, in small structures and in those of several pieces. */
 static void no_round_structure_is_larger(void **state)
 {
@@ -206,9 +224,10 @@ static void the_largest_request_has_a_bound(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(no_round_structure_is_larger), cmocka_unit_test(no_structure_is_larger),
-        cmocka_unit_test(no_top_level_is_larger),       cmocka_unit_test(bounds_grow_with_counts),
-        cmocka_unit_test(any_quality_is_covered),       cmocka_unit_test(the_largest_request_has_a_bound),
+        cmocka_unit_test(no_moving_structure_is_larger),   cmocka_unit_test(no_round_structure_is_larger),
+        cmocka_unit_test(no_structure_is_larger),          cmocka_unit_test(no_top_level_is_larger),
+        cmocka_unit_test(bounds_grow_with_counts),         cmocka_unit_test(any_quality_is_covered),
+        cmocka_unit_test(the_largest_request_has_a_bound),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
