@@ -145,9 +145,11 @@ bool avx2_walk_on_any(struct avx2_walk *walk, struct avx2_cursor *cursor);
 void avx2_walk_closest(struct avx2_walk *walk, uint32_t child);
 void avx2_walk_any(struct avx2_walk *walk, uint32_t node);
 
-/* Do the same with motion triangles (moving_avx2.c). */
+/* Do the same with motion triangles (moving_avx2.c). A cursor has the node at t = 0 with which a moving one begins. */
 void moving_walk_closest(struct avx2_walk *walk, uint32_t child);
 void moving_walk_any(struct avx2_walk *walk, uint32_t node);
+bool moving_walk_on_closest(struct avx2_walk *walk, struct avx2_cursor *cursor);
+bool moving_walk_on_any(struct avx2_walk *walk, struct avx2_cursor *cursor);
 
 /*
  * Prepares a ray for unpacked motion triangles. The state has its triangle_ray. Returns false if boxes have to be

@@ -124,12 +124,25 @@ BOXTEST_AVX2 void moving_walk_closest(struct avx2_walk *walk, uint32_t child)
     walk->state->counters.nodes += visited;
 }
 
+/* Pushes the inner children in the slots `inner`, with the farthest along the ray's octant on top. */
+BOXTEST_AVX2_INLINE uint32_t *push_moving_inner(const struct avx2_walk *walk, const struct unpacked_node *node,
+                                                unsigned inner, uint32_t *top)
+{
+    const unsigned backward = walk->boxes.backward;
+    for (unsigned i = 0; inner != 0 && i < 8; i++)
+        if (inner >> (i ^ backward) & 1) {
+            const uint32_t index = node->children[i ^ backward] & CHILD_INDEX_MASK;
+            prefetch_lines(&walk->moving_nodes[index], 7);
+            *top++ = index;
+        }
+    return top;
+}
+
 /* Finds any hit: the leaves of a node first, then its inner children farthest along the ray's octant. */
 BOXTEST_AVX2 void moving_walk_any(struct avx2_walk *walk, uint32_t start)
 {
     uint32_t stack[AVX2_STACK_SIZE], *top = stack, near[8];
     uint64_t visited = 0;
-    unsigned backward = walk->boxes.backward;
     bool is_done = false;
     *top++ = start;
     while (top > stack && !is_done) {
@@ -138,14 +151,60 @@ BOXTEST_AVX2 void moving_walk_any(struct avx2_walk *walk, uint32_t start)
         visited++;
         for (unsigned slot = 0; slot < 8 && !is_done; slot++)
             is_done = (hits & ~inner) >> slot & 1 && !meet(walk, node->start.children[slot]);
-        for (unsigned i = 0; inner != 0 && i < 8; i++)
-            if (inner >> (i ^ backward) & 1) {
-                const uint32_t index = node->start.children[i ^ backward] & CHILD_INDEX_MASK;
-                prefetch_lines(&walk->moving_nodes[index], 7);
-                *top++ = index;
-            }
+        top = push_moving_inner(walk, &node->start, inner, top);
     }
     walk->state->counters.nodes += visited;
+}
+
+BOXTEST_AVX2 bool moving_walk_on_closest(struct avx2_walk *walk, struct avx2_cursor *cursor)
+{
+    uint64_t *top = cursor->closest.top;
+    uint32_t child = cursor->closest.child;
+    for (;;) {
+        if (child >= CHILD_ROOT) {
+            uint32_t near[8];
+            const struct unpacked_moving_node *node = &walk->moving_nodes[child & CHILD_INDEX_MASK];
+            const unsigned hits = test_moving(walk, node, near);
+            walk->state->counters.nodes++;
+            if (hits != 0) {
+                child = push_moving(walk, near, node->start.children, hits, &top);
+                break;
+            }
+        } else if (!meet(walk, child)) {
+            return false;
+        }
+        if (!pop_child(walk, cursor->closest.stack, &top, &child))
+            return false;
+    }
+    prefetch_moving(walk, child);
+    cursor->closest.top = top;
+    cursor->closest.child = child;
+    return true;
+}
+
+BOXTEST_AVX2 bool moving_walk_on_any(struct avx2_walk *walk, struct avx2_cursor *cursor)
+{
+    const struct unpacked_node *node = cursor->any.node;
+    uint32_t *top = cursor->any.top, near[8];
+    unsigned hits;
+    for (unsigned rest = cursor->any.leaves; rest != 0; rest &= rest - 1)
+        if (!meet(walk, node->children[__builtin_ctz(rest)]))
+            return false;
+    do {
+        if (top == cursor->any.stack)
+            return false;
+        const struct unpacked_moving_node *moving = &walk->moving_nodes[*--top];
+        node = &moving->start;
+        hits = test_moving(walk, moving, near);
+        walk->state->counters.nodes++;
+    } while (hits == 0);
+    const unsigned inner = hits & inner_slots(node), leaves = hits & ~inner;
+    for (unsigned rest = leaves; rest != 0; rest &= rest - 1)
+        prefetch_moving(walk, node->children[__builtin_ctz(rest)]);
+    cursor->any.top = push_moving_inner(walk, node, inner, top);
+    cursor->any.leaves = leaves;
+    cursor->any.node = node;
+    return true;
 }
 
 /* Does what is left to prepare a ray, of which the boxes are. */

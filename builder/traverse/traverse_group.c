@@ -195,11 +195,12 @@ static uint64_t trace_packets(struct group *group, uint32_t count, uint64_t plai
 static bool turns_pay(const struct scene *scene, bool is_any)
 {
     enum { MIB = 1 << 20, CORE_CACHES = 6 * MIB, ALL_CACHES = 24 * MIB };
-    if (scene->top || scene->bottoms[0]->header->content == PORTABLE_MOVING_TRIANGLES)
+    if (scene->top)
         return false;
     const struct portable_header *header = scene->bottoms[0]->header;
-    const uint64_t size = (uint64_t)header->node_count * sizeof(struct unpacked_node) +
-                          (uint64_t)header->record_count * sizeof(struct portable_triangle);
+    const uint64_t still = (uint64_t)header->node_count * sizeof(struct unpacked_node) +
+                           (uint64_t)header->record_count * sizeof(struct portable_triangle);
+    const uint64_t size = header->content == PORTABLE_MOVING_TRIANGLES ? unpacked_moving_size(header) : still;
     return size >= (is_any ? ALL_CACHES : CORE_CACHES);
 }
 

@@ -25,7 +25,16 @@ struct turns {
     const struct ray *rays;
     struct ray_hit *hits;
     uint64_t waiting, done, is_hit; /* rays, as bits */
+    bool moves; /* the structure is one of motion triangles */
 };
+
+/* Goes on with a ray until it waits. Returns false when it is finished. */
+static bool go_on(const struct turns *turns, struct turn *turn)
+{
+    if (turns->moves)
+        return (turn->is_any ? moving_walk_on_any : moving_walk_on_closest)(&turn->ray, &turn->cursor);
+    return (turn->is_any ? avx2_walk_on_any : avx2_walk_on_closest)(&turn->ray, &turn->cursor);
+}
 
 /* Begins the next ray that can take turns. Returns false if there is none. */
 BOXTEST_AVX2 static bool begin_next(struct turns *turns, struct turn *turn)
@@ -36,7 +45,10 @@ BOXTEST_AVX2 static bool begin_next(struct turns *turns, struct turn *turn)
         traverse_state_begin(&turn->walk.state, &turns->rays[turn->index], turns->stream->options);
         traverse_walk_begin(&turn->walk, scene);
         traverse_state_settle_plain(&turn->walk.state);
-        if (!avx2_walk_init(&turn->ray, &turn->walk.state, scene->bottoms[0], scene->unpacked[0]))
+        const struct portable_view *view = scene->bottoms[0];
+        struct traverse_state *state = &turn->walk.state;
+        if (!(turns->moves ? moving_walk_init_world(&turn->ray, state, view, scene->unpacked[0])
+                           : avx2_walk_init(&turn->ray, state, view, scene->unpacked[0])))
             continue;
         turn->is_any = turn->walk.state.ray->flags & RAY_TERMINATE_ON_FIRST_HIT;
         avx2_cursor_begin(&turn->cursor, turn->is_any);
@@ -56,7 +68,8 @@ static void finish(struct turns *turns, const struct turn *turn)
 uint64_t turns_avx2_trace(const struct traverse_stream *stream, const struct ray *rays, uint64_t which,
                           struct ray_hit *ret_hits, uint64_t *is_hit)
 {
-    struct turns turns = {stream, rays, ret_hits, which, 0, 0};
+    struct turns turns = {
+        stream, rays, ret_hits, which, 0, 0, stream->scene->bottoms[0]->header->content == PORTABLE_MOVING_TRIANGLES};
     struct turn slots[TURNS], *taking[TURNS];
     unsigned count = 0;
     while (count < TURNS && begin_next(&turns, &slots[count])) {
@@ -65,7 +78,7 @@ uint64_t turns_avx2_trace(const struct traverse_stream *stream, const struct ray
     }
     while (count > 0)
         for (unsigned i = 0; i < count; i++) {
-            if ((taking[i]->is_any ? avx2_walk_on_any : avx2_walk_on_closest)(&taking[i]->ray, &taking[i]->cursor))
+            if (go_on(&turns, taking[i]))
                 continue;
             finish(&turns, taking[i]);
             if (!begin_next(&turns, taking[i]))

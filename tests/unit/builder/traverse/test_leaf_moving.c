@@ -442,8 +442,15 @@ static void test_groups(void **state)
                 rays[i].origin[axis] = rays[0].origin[axis];
             rays[i].time = turn % 7 == 0 ? rays[i].time : rays[0].time;
         }
-        const uint64_t is_hit = traverse_group(&stream, rays, TRAVERSE_GROUP, hits);
+        uint64_t is_hit = 0, in_turns = 0;
+        for (uint32_t i = 0; turn % 2 != 0 && i < TRAVERSE_GROUP; i++)
+            in_turns |= (uint64_t)ray_is_plain(&rays[i]) << i;
+        in_turns = turns_avx2_trace(&stream, rays, in_turns, hits, &is_hit);
+        if (turn % 2 == 0)
+            is_hit = traverse_group(&stream, rays, TRAVERSE_GROUP, hits);
         for (uint32_t i = 0; i < TRAVERSE_GROUP; i++) {
+            if (turn % 2 != 0 && !(in_turns >> i & 1))
+                continue;
             assert_int_equal(traverse(&scene, &rays[i], NULL, &alone, NULL), is_hit >> i & 1);
             if (is_hit >> i & 1)
                 assert_memory_equal(&alone, &hits[i], sizeof alone);
