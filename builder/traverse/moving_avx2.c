@@ -9,6 +9,8 @@
 
 #ifdef BOXTEST_AVX2
 
+enum { NODE_LINES = 7 }; /* lines of the cache */
+
 /* Does for a moving node what boxtest_beside_unpacked() does. */
 BOXTEST_AVX2 __attribute__((noinline)) static unsigned beside(const struct avx2_walk *walk,
                                                               const struct unpacked_moving_node *node, unsigned hits)
@@ -74,13 +76,14 @@ BOXTEST_AVX2_INLINE void prefetch_lines(const void *at, unsigned lines)
         __builtin_prefetch((const char *)at + 64 * i);
 }
 
-BOXTEST_AVX2_INLINE void prefetch_moving(const struct avx2_walk *walk, uint32_t child)
+/* Prefetches the beginning of a child that is pushed on the stack, or so much of one that is next. */
+BOXTEST_AVX2_INLINE void prefetch_moving(const struct avx2_walk *walk, uint32_t child, unsigned lines)
 {
     const uint32_t index = child & CHILD_INDEX_MASK;
     const bool is_node = child >= CHILD_ROOT;
     const uintptr_t from = (uintptr_t)(is_node ? (const void *)walk->moving_nodes : walk->moving_triangles);
     prefetch_lines(
-        (const void *)(from + index * (is_node ? sizeof *walk->moving_nodes : sizeof *walk->moving_triangles)), 2);
+        (const void *)(from + index * (is_node ? sizeof *walk->moving_nodes : sizeof *walk->moving_triangles)), lines);
 }
 
 /* Pushes all `hits` but the nearest, with the nearest of them on top, and returns the nearest. */
@@ -96,7 +99,7 @@ BOXTEST_AVX2_INLINE uint32_t push_moving(const struct avx2_walk *walk, const uin
         for (; at > base && at[-1] < later; at--)
             at[0] = at[-1];
         *at = later;
-        prefetch_moving(walk, (uint32_t)later);
+        prefetch_moving(walk, (uint32_t)later, 2);
         nearest = nearest > other ? other : nearest;
     }
     return (uint32_t)nearest;
@@ -132,7 +135,7 @@ BOXTEST_AVX2_INLINE uint32_t *push_moving_inner(const struct avx2_walk *walk, co
     for (unsigned i = 0; inner != 0 && i < 8; i++)
         if (inner >> (i ^ backward) & 1) {
             const uint32_t index = node->children[i ^ backward] & CHILD_INDEX_MASK;
-            prefetch_lines(&walk->moving_nodes[index], 7);
+            prefetch_lines(&walk->moving_nodes[index], NODE_LINES);
             *top++ = index;
         }
     return top;
@@ -176,7 +179,7 @@ BOXTEST_AVX2 bool moving_walk_on_closest(struct avx2_walk *walk, struct avx2_cur
         if (!pop_child(walk, cursor->closest.stack, &top, &child))
             return false;
     }
-    prefetch_moving(walk, child);
+    prefetch_moving(walk, child, NODE_LINES);
     cursor->closest.top = top;
     cursor->closest.child = child;
     return true;
@@ -200,7 +203,7 @@ BOXTEST_AVX2 bool moving_walk_on_any(struct avx2_walk *walk, struct avx2_cursor 
     } while (hits == 0);
     const unsigned inner = hits & inner_slots(node), leaves = hits & ~inner;
     for (unsigned rest = leaves; rest != 0; rest &= rest - 1)
-        prefetch_moving(walk, node->children[__builtin_ctz(rest)]);
+        prefetch_moving(walk, node->children[__builtin_ctz(rest)], 2);
     cursor->any.top = push_moving_inner(walk, node, inner, top);
     cursor->any.leaves = leaves;
     cursor->any.node = node;

@@ -53,8 +53,8 @@ uint32_t packet_avx2_trace(struct traverse_walk *states, const struct ray *const
 
 /*
  * Traces rays alone, but some at a time in turns (turns_avx2.c): those of `which`, all plain, in a scene of one
- * unpacked structure of triangles, or of motion triangles. Returns the rays done, of which ret_hits is filled and the bit of *is_hit set where
- * they hit.
+ * unpacked structure of triangles, or of motion triangles. Returns the rays done, of which ret_hits is filled and the
+ * bit of *is_hit set where they hit.
  */
 uint64_t turns_avx2_trace(const struct traverse_stream *stream, const struct ray *rays, uint64_t which,
                           struct ray_hit *ret_hits, uint64_t *is_hit);
