@@ -259,7 +259,7 @@ static void build_one(struct run *run, const struct build_input *input, struct b
     struct build_context context = {.memory = &run->memory, .parallel = &parallel_serial};
     struct build_input told = *input;
     told.options.builder = builders_turn(run->seed / 2);
-    if (run->kinds == RANDOM_MOTION)
+    if (run->kinds == RANDOM_MOTION || run->kinds == RANDOM_ALL)
         told.flags &= ~(uint32_t)BUILD_ALLOW_UPDATE; /* which what moves does not have */
     if (batch_build(&told, 1, &limits, &context, ret_item, &error) != BVHD_OK || ret_item->status != BVHD_OK ||
         portable_open((struct bytes){ret_item->blob, ret_item->size}, &run->memory, ret_view, &error) != BVHD_OK) {
@@ -309,8 +309,9 @@ static void run_top(struct run *run, struct random *random)
 static bool open_beds(struct run *run, const char *device)
 {
     struct bvhd_error error;
-    struct shader_bed_options options = {
-        .device = device, .is_round = run->kinds != RANDOM_FLAT, .moves = run->kinds == RANDOM_MOTION};
+    struct shader_bed_options options = {.device = device,
+                                         .is_round = run->kinds != RANDOM_FLAT,
+                                         .moves = run->kinds == RANDOM_MOTION || run->kinds == RANDOM_ALL};
     if (shader_bed_create(&options, &run->memory, &run->beds[0], &error) != BVHD_OK) {
         fprintf(stderr, "shader_agreement: skipped: %s\n", error.text);
         return false;

@@ -199,7 +199,7 @@ static void promises_suit_motion_triangles(void **state)
 static void promises_suit_motion_instances(void **state)
 {
     (void)state;
-    static const uint32_t counts[] = {1500, 40000};
+    static const uint32_t counts[] = {1500, 20000};
     for (int i = 0; i < 2; i++) {
         struct moving moving;
         make_instances(&moving, counts[i]);
