@@ -78,12 +78,12 @@ static uint64_t scratch(const struct geometry *geometry)
     return has_indices(geometry) ? (uint64_t)per_primitive(geometry) * geometry->range.primitive_count : 0;
 }
 
-/* A list that is gathered is read as it is first. */
+/* A list that is gathered is read as it is first, unless that is more than its pairs have. */
 static uint64_t beside(const struct geometry *geometry)
 {
-    const uint64_t indices = sizeof(uint32_t) * scratch(geometry);
+    const uint64_t words = scratch(geometry), room = round_room(geometry);
     const bool may_gather = has_indices(geometry) && !is_successive(geometry) && !round_is_one_vertex(geometry);
-    return indices + (may_gather ? 4 * sizeof(float) * round_room(geometry) : 0);
+    return sizeof(uint32_t) * words + (may_gather ? 4 * sizeof(float) * (room < words ? room : words) : 0);
 }
 
 static bool are_neighbours(const uint32_t *pairs, uint32_t count)
@@ -196,7 +196,7 @@ static void fetch_vertices(struct fetch *fetch, uint32_t index, uint32_t first, 
                             vertices_of(fetch, index) + (size_t)4 * first);
 }
 
-/* A list that is gathered, and its vertices from the lowest to the highest index, each of which is read once. */
+/* A list that is gathered, and its vertices from the lowest to the highest index if they are read together. */
 struct gathering {
     struct fetch *fetch;
     uint32_t index;
@@ -226,6 +226,31 @@ static void copy_chunk(void *context, size_t chunk)
                4 * sizeof *target);
 }
 
+/* Reads the vertices of the list one by one. */
+static void pick_chunk(void *context, size_t chunk)
+{
+    const struct gathering *gathering = context;
+    const struct fetch_source *source = &gathering->fetch->sources[gathering->index];
+    float *target = vertices_of(gathering->fetch, gathering->index);
+    size_t vertex, end;
+    for (parallel_chunk(chunk, CHUNK, gathering->count, &vertex, &end); vertex < end; vertex++)
+        round_read_vertices(gathering->fetch, gathering->index, source->scratch[vertex], 1, target + 4 * vertex);
+}
+
+static bool run(struct gathering *gathering, const struct build_context *context, uint64_t count, parallel_task task)
+{
+    return parallel_for_until(context->parallel, context->cancel, parallel_chunks(CHUNK, count), task, gathering);
+}
+
+static enum bvhd_status report_cancelled(const struct fetch *fetch, struct bvhd_error *error)
+{
+    return bvhd_error_set(error, BVHD_CANCELLED, place("infos[%u]", fetch->index).text, "cancelled");
+}
+
+/*
+ * To read a span is faster than to read its vertices one by one, some of them several times. But a few pairs may be far
+ * apart in an array that many geometries share: time and memory must not grow with what lies between them.
+ */
 static enum bvhd_status gather(struct fetch *fetch, uint32_t index, const struct build_context *context,
                                struct bvhd_error *error)
 {
@@ -236,16 +261,16 @@ static enum bvhd_status gather(struct fetch *fetch, uint32_t index, const struct
                                   .index = index,
                                   .span_count = (uint64_t)source->highest - source->lowest + 1,
                                   .count = fetch->view.geometries[index].vertex_count};
+    if (gathering.span_count > gathering.count)
+        return run(&gathering, context, gathering.count, pick_chunk) ? BVHD_OK : report_cancelled(fetch, error);
     gathering.span = memory_array(context->memory, gathering.span_count, 4 * sizeof *gathering.span);
     if (!gathering.span)
         return bvhd_error_no_memory(error, place("infos[%u].geometries[%u]", fetch->index, index).text,
                                     "no memory for %llu vertices", (unsigned long long)gathering.span_count);
-    const bool done = parallel_for_until(context->parallel, context->cancel,
-                                         parallel_chunks(CHUNK, gathering.span_count), read_chunk, &gathering) &&
-                      parallel_for_until(context->parallel, context->cancel, parallel_chunks(CHUNK, gathering.count),
-                                         copy_chunk, &gathering);
+    const bool done = run(&gathering, context, gathering.span_count, read_chunk) &&
+                      run(&gathering, context, gathering.count, copy_chunk);
     memory_free(context->memory, gathering.span);
-    return done ? BVHD_OK : bvhd_error_set(error, BVHD_CANCELLED, place("infos[%u]", fetch->index).text, "cancelled");
+    return done ? BVHD_OK : report_cancelled(fetch, error);
 }
 
 static const float *first_of(const struct canonical_geometry *geometry, uint32_t index)

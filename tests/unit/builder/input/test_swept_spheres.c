@@ -5,6 +5,7 @@
 #include <math.h>
 
 #include "builder/input/canonical_form.h"
+#include "builder/input/input_kind.h"
 #include "builder/input/primitive.h"
 #include "tests/support/builder/prepare_bed.h"
 
@@ -159,6 +160,34 @@ static uint32_t recorded(const uint16_t *pairs)
     return row.lowest_index;
 }
 
+/* Memory and time of a list do not grow with vertices that no pair names. */
+static void lists_leave_vertices_between_alone(void **state)
+{
+    (void)state;
+    enum { VERTICES = 60000, ENOUGH = 64 * 1024 };
+    struct test_input test;
+    static float vertices[VERTICES][4];
+    static const uint16_t far[] = {0, 1, VERTICES - 2, VERTICES - 3};
+    make_indexed(&test, SWEPT_LIST, SWEPT_CAPS_CHAINED, far, 4);
+    for (int i = 0; i < VERTICES; i++)
+        for (int k = 0; k < 4; k++)
+            vertices[i][k] = (float)(4 * i + k);
+    struct geometry_spheres *ends = &test.geometries[0].swept_spheres.ends;
+    ends->vertices = (struct bytes){(const unsigned char *)vertices, sizeof vertices};
+    ends->radii = (struct bytes){(const unsigned char *)vertices + 12, sizeof vertices - 12};
+    ends->vertex_stride = ends->radius_stride = sizeof *vertices;
+    test.geometries[0].range.first_vertex = 1;
+    bed_memory.peak = 0;
+    struct canonical canonical = bed_make(&test);
+    const struct canonical_geometry *geometry = &canonical.geometries[0];
+    assert_int_equal(geometry->vertex_count, 4);
+    for (int i = 0; i < 4; i++)
+        assert_memory_equal(geometry->positions + (size_t)4 * i, vertices[1 + far[i]], 16);
+    assert_in_range(bed_memory.peak, 1, ENOUGH);
+    assert_in_range(input_kind_of(GEOMETRY_SWEPT_SPHERES)->beside(&test.geometries[0]), 1, ENOUGH);
+    bed_finish(&canonical);
+}
+
 /* The copy of a gathered list does not show the indices, so that a checksum tells whether they change. */
 static void updates_know_gathered_indices(void **state)
 {
@@ -297,6 +326,7 @@ int main(void)
         cmocka_unit_test(lists_are_gathered_if_they_must),
         cmocka_unit_test(forms_do_not_count),
         cmocka_unit_test(strides_may_be_zero),
+        cmocka_unit_test(lists_leave_vertices_between_alone),
         cmocka_unit_test(updates_know_gathered_indices),
         cmocka_unit_test(rules_are_kept),
         cmocka_unit_test(special_primitives_get_no_ref),
