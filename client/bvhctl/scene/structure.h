@@ -44,8 +44,9 @@ struct structure {
 };
 
 /*
- * Opens a hostile blob, which is aligned to 16 bytes; its header says which target it is of. BVHD_CORRUPT or
- * BVHD_INCOMPATIBLE with the place, BVHD_NO_MEMORY. End with structure_close.
+ * Opens a hostile blob, which is aligned to 16 bytes; its header says which target it is of. BVHD_CORRUPT,
+ * BVHD_INCOMPATIBLE, or BVHD_UNSUPPORTED for a structure that moves, with the place; BVHD_NO_MEMORY. End with
+ * structure_close.
  */
 enum bvhd_status structure_open(struct bytes blob, struct memory *memory, struct structure *ret_structure,
                                 struct bvhd_error *error);

@@ -32,7 +32,7 @@ struct target_reader {
 
     /*
      * Opens a hostile blob: fills in the structure, of which `blob`, `memory` and `target` are set. BVHD_CORRUPT,
-     * BVHD_INCOMPATIBLE, BVHD_NO_MEMORY. The caller closes the structure after a failure too.
+     * BVHD_INCOMPATIBLE, BVHD_UNSUPPORTED, BVHD_NO_MEMORY. The caller closes the structure after a failure too.
      */
     enum bvhd_status (*open)(struct structure *structure, struct bvhd_error *error);
     /* These five do the work of the functions of structure.h and survey.h that have the same names. */

@@ -7,6 +7,7 @@
 #include "builder/format/record_kind.h"
 #include "client/bvhctl/scene/survey.h"
 
+/* Contents that move have no row. */
 static const struct {
     enum structure_content content;
     const char *name;
@@ -26,6 +27,8 @@ static enum bvhd_status open_structure(struct structure *structure, struct bvhd_
     if (status != BVHD_OK)
         return status;
     const struct portable_header *header = view->header;
+    if (record_kind_moves(record_kind_of(header->content)))
+        return bvhd_error_set(error, BVHD_UNSUPPORTED, "body.content", "structures that move are not read");
     structure->content = contents[header->content].content;
     structure->primitive_count = header->primitive_count;
     structure->record_count = header->record_count;

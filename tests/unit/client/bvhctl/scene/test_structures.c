@@ -5,6 +5,7 @@
  */
 #include "tests/support/unit.h"
 
+#include <float.h>
 #include <math.h>
 #include <unistd.h>
 
@@ -328,6 +329,38 @@ static void test_wrong_instances(void **state)
     test_world_finish(&world);
 }
 
+/* Structures that move are sound, but refused by name. */
+static void test_moving(void **state)
+{
+    (void)state;
+    static const uint32_t moving[] = {PORTABLE_MOVING_TRIANGLES, PORTABLE_MOVING_INSTANCES};
+    struct memory memory;
+    memory_init(&memory, UINT64_MAX);
+    for (unsigned i = 0; i < sizeof moving / sizeof *moving; i++) {
+        enum { BODY = 64, BYTES = BODY + sizeof(struct portable_header) };
+        _Alignas(16) unsigned char blob[BYTES] = {0};
+        struct serialized_header serialized = {.serialized_size = BYTES, .deserialized_size = BYTES - BODY};
+        const struct portable_header header = {.magic = PORTABLE_MAGIC,
+                                               .version = 2,
+                                               .content = moving[i],
+                                               .bounds = {FLT_MAX, FLT_MAX, FLT_MAX, -FLT_MAX, -FLT_MAX, -FLT_MAX},
+                                               .node_offset = sizeof header,
+                                               .record_offset = sizeof header,
+                                               .vertex_offset = sizeof header,
+                                               .geometry_offset = sizeof header,
+                                               .body_size = sizeof header};
+        memcpy(serialized.driver_uuid, portable_driver_uuid, sizeof serialized.driver_uuid);
+        portable_compatibility_uuid(header.version, serialized.compatibility_uuid);
+        serialized_write(blob, &serialized);
+        memcpy(blob + BODY, &header, sizeof header);
+        struct structure structure;
+        struct bvhd_error error = {0};
+        assert_int_equal(structure_open((struct bytes){blob, BYTES}, &memory, &structure, &error), BVHD_UNSUPPORTED);
+        assert_string_equal(error.where, "body.content");
+        assert_int_equal(memory.live, 0);
+    }
+}
+
 /* Every file is refused when it is truncated anywhere, or has a byte too many. */
 static void test_cut(void **state)
 {
@@ -396,6 +429,7 @@ int main(void)
         cmocka_unit_test(test_both_targets),    cmocka_unit_test(test_unpacked), cmocka_unit_test(test_wrong_manifests),
         cmocka_unit_test(test_wrong_handles),   cmocka_unit_test(test_rows),     cmocka_unit_test(test_wrong_leaves),
         cmocka_unit_test(test_wrong_instances), cmocka_unit_test(test_cut),      cmocka_unit_test(test_no_memory),
+        cmocka_unit_test(test_moving),
     };
     return cmocka_run_group_tests_name("structures", tests, scratch_make, scratch_remove);
 }
