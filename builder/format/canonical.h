@@ -37,7 +37,7 @@ enum { CANONICAL_VERSION = 2, CANONICAL_VERSION_ROUND = 3 };
 struct canonical_geometry {
     uint32_t type; /* GEOMETRY_ */
     uint32_t flags; /* GEOMETRY_OPAQUE | GEOMETRY_NO_DUPLICATE_ANY_HIT */
-    uint32_t primitive_count; /* triangles, boxes or instances, inactive ones included */
+    uint32_t primitive_count; /* of any kind, inactive ones included */
     uint32_t first_primitive; /* sum of primitive_count over the previous geometries: the flat id of its primitive 0 */
     uint32_t vertex_count; /* 0 for kinds without vertices */
     uint32_t first_vertex; /* sum of vertex_count over the previous geometries */
@@ -84,8 +84,8 @@ struct canonical {
 
 /* The fields of a Vulkan instance record, bit exact. */
 struct canonical_instance {
-    float
-        transform[12]; /* row-major 3x4, object to world; of a motion instance that at t = 0, and of an SRT one zeros */
+    /* row-major 3x4, object to world; of a motion instance that of t = 0, and of one that an SRT moves zeros */
+    float transform[12];
     uint32_t custom_index; /* 24 bits */
     uint32_t mask; /* 8 bits */
     uint32_t sbt_offset; /* 24 bits */

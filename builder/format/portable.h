@@ -52,7 +52,7 @@ enum portable_content {
     PORTABLE_TRIANGLES = 1,
     PORTABLE_AABBS = 2,
     PORTABLE_INSTANCES = 3,
-    PORTABLE_SPHERES = 4, /* this and the next one since version 2 */
+    PORTABLE_SPHERES = 4, /* this and the following ones since version 2 */
     PORTABLE_SWEPT_SPHERES = 5,
     PORTABLE_MOVING_TRIANGLES = 6,
     PORTABLE_MOVING_INSTANCES = 7,

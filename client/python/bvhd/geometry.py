@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What structures are built from: triangles, boxes, spheres and instances, in numpy arrays.
+"""What structures are built from, in numpy arrays: triangles, boxes, round kinds and instances.
 
 Arrays are not copied if the library can read them as they are: rows may be any number of bytes
 apart, so a column of an interleaved vertex buffer will do. An array must not be changed until the
