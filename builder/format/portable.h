@@ -198,7 +198,7 @@ struct portable_moving_instance {
     uint32_t sbt_and_flags;
     uint32_t instance;
     uint32_t handle;
-    uint32_t reserved[3]; /* 0 */
+    uint32_t reserved[3]; /* 0; on a device the last two are the location of the bottom level's body */
     float start[16], end[16];
 };
 

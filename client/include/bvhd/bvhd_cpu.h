@@ -120,8 +120,8 @@ enum {
 };
 
 /*
- * A ray, which starts at `origin`. Its first 40 bytes are those of struct bvhd_ray (bvhd_trace.h), so that one array
- * serves both: with ray_size = 40 and ray_stride = sizeof(struct bvhd_ray).
+ * A ray, which starts at `origin`. It has the fields of struct bvhd_ray (bvhd_trace.h) in the same places, so that one
+ * array serves both, if its reserved fields are 0.
  */
 struct bvhd_cpu_ray {
     float origin[3];
