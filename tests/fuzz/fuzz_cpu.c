@@ -28,12 +28,14 @@ static uint32_t decide(void *context, struct bvhd_cpu_candidate *candidate)
 static void shoot(const struct bvhd_cpu_scene *scene)
 {
     static const float directions[RAYS][3] = {{1, 0.25f, -0.5f}, {-1, 0, 0}, {0, -0.0f, 1}, {0.3f, -1, 1e-30f}};
+    static const float times[RAYS] = {0, 1, 0.5f, 0.3f};
     struct bvhd_cpu_ray rays[RAYS];
     struct bvhd_cpu_hit hits[RAYS];
     uint32_t count = 0;
     float corners[3][3], matrix[12];
     for (int i = 0; i < RAYS; i++) {
         rays[i] = (struct bvhd_cpu_ray){.tmax = INFINITY, .mask = 0xff, .flags = i == 1 ? BVHD_CPU_RAY_NO_OPAQUE : 0};
+        rays[i].time = times[i];
         for (int axis = 0; axis < 3; axis++) {
             rays[i].direction[axis] = directions[i][axis];
             rays[i].origin[axis] = 0.1f - 2 * directions[i][axis];
@@ -50,8 +52,11 @@ static void shoot(const struct bvhd_cpu_scene *scene)
     FUZZ_CHECK(bvhd_cpu_scene_trace(scene, &trace, NULL) == BVHD_OK);
     for (int i = 0; i < RAYS; i++) {
         bool is_hit = hits[i].blob != BVHD_CPU_NO_BLOB, is_box = hits[i].flags & BVHD_CPU_HIT_AABB;
-        FUZZ_CHECK((bvhd_cpu_scene_object_to_world(scene, &hits[i], matrix, NULL) == BVHD_OK) == is_hit);
-        FUZZ_CHECK((bvhd_cpu_scene_corners(scene, &hits[i], corners, NULL) == BVHD_OK) == (is_hit && !is_box));
+        FUZZ_CHECK((bvhd_cpu_scene_object_to_world_at(scene, &hits[i], times[i], matrix, NULL) == BVHD_OK) == is_hit);
+        FUZZ_CHECK(bvhd_cpu_scene_object_to_world(scene, &hits[i], matrix, NULL) != BVHD_OK || is_hit);
+        const bool has_corners = bvhd_cpu_scene_corners_at(scene, &hits[i], times[i], corners, NULL) == BVHD_OK;
+        FUZZ_CHECK(has_corners == (is_hit && !is_box));
+        FUZZ_CHECK(bvhd_cpu_scene_corners(scene, &hits[i], corners, NULL) != BVHD_OK || has_corners);
         bvhd_cpu_scene_positions(scene, hits[i].blob, hits[i].geometry, hits[i].primitive, corners, NULL);
     }
     for (uint32_t i = 0; i < RAYS; i++)
@@ -113,13 +118,23 @@ static size_t put(const struct batch_item *const *items, uint32_t count, uint8_t
     return at;
 }
 
-/* Samples are each bottom level alone and both under the top level; by order and by handles. */
+/*
+ * Samples are each bottom level alone and both under the top level, portable and native, and what moves, portable; by
+ * order and by handles.
+ */
 size_t fuzz_sample(uint32_t index, uint8_t *ret_bytes)
 {
-    enum { SETS = 3 };
+    enum { SETS = 3, MOTION = 4 * SETS, SAMPLES = MOTION + 4 };
     struct test_scene scene;
-    if (index >= 4 * SETS)
+    if (index >= SAMPLES)
         return 0;
+    if (index >= MOTION) {
+        sample_scene_init_motion(&scene);
+        const struct batch_item *items[2] = {&scene.items[0], &scene.items[TEST_SCENE_BOTTOMS]};
+        const size_t motion_size = put(items, 1 + (index & 1), index >> 1 & 1, ret_bytes);
+        test_scene_finish(&scene);
+        return motion_size;
+    }
     sample_scene_init(&scene);
     const struct sample_structures structures = sample_scene_structures(&scene, index & 1);
     uint32_t set = index / 4;

@@ -177,19 +177,22 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
  */
 size_t fuzz_sample(uint32_t index, uint8_t *ret_bytes)
 {
-    enum { STRUCTURES = 8, ROUND = 6, KINDS = 3 };
+    enum { STRUCTURES = 10, ROUND = 6, MOTION = 8, KINDS = 3 };
     struct test_scene scene;
     if (index >= STRUCTURES * KINDS)
         return 0;
     const uint32_t which = index % STRUCTURES, kind = index / STRUCTURES;
-    if (which >= ROUND)
+    if (which >= MOTION)
+        sample_scene_init_motion(&scene);
+    else if (which >= ROUND)
         sample_scene_init_round(&scene);
     else
         sample_scene_init(&scene);
-    const struct batch_item *item =
-        which >= ROUND ? &scene.items[which - ROUND] : sample_scene_structures(&scene, which >= 3).items[which % 3];
-    const uint32_t own = which < ROUND && which % 3 == 2 ? VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR
-                                                         : VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR;
+    const struct sample_structures structures = sample_scene_structures(&scene, which >= 3 && which < ROUND);
+    const uint32_t item_index = which >= MOTION ? 2 * (which - MOTION) : which >= ROUND ? which - ROUND : which % 3;
+    const struct batch_item *item = structures.items[item_index];
+    const uint32_t own = item_index == 2 ? VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR
+                                         : VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR;
     ret_bytes[0] = (uint8_t)((kind == 1 ? 2 : own) | CHOICE_NATIVE | (kind == 2 ? CHOICE_REPAIR : 0));
     FUZZ_CHECK(item->size < FUZZ_ROOM);
     memcpy(ret_bytes + 1, item->blob, item->size);

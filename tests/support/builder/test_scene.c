@@ -52,6 +52,7 @@ static struct bytes build_item(struct test_scene *scene, const struct build_inpu
 static void build_row(struct test_scene *scene, struct build_input *input, struct reference *references, uint32_t row)
 {
     struct bvhd_error error = {0};
+    input->flags = scene->flags;
     input->options.target = TARGET_PORTABLE;
     input->options.quality = scene->quality;
     input->options.builder = builders_asked();
@@ -94,13 +95,10 @@ static void write_record(const struct test_instance *instance, unsigned char rec
     bytes_put64(record + 56, instance->bottom == TEST_SCENE_INACTIVE ? 0 : UINT64_C(0x1000) + instance->bottom);
 }
 
-void test_scene_add_top(struct test_scene *scene, const struct test_instance *instances, uint32_t count)
+/* Builds a top level of one geometry over all bottom levels. */
+static void build_top(struct test_scene *scene, const struct geometry *geometry)
 {
     struct reference references[TEST_SCENE_BOTTOMS] = {0};
-    unsigned char *records = calloc(count + 1, 64);
-    must(records, "no memory", NULL);
-    for (uint32_t i = 0; i < count; i++)
-        write_record(&instances[i], records + (size_t)64 * i);
     for (uint32_t i = 0; i < scene->scene.bottom_count; i++) {
         references[i] =
             (struct reference){.kind = REFERENCE_BLAS, .handle = UINT64_C(0x1000) + i, .bounds = box_empty()};
@@ -109,22 +107,39 @@ void test_scene_add_top(struct test_scene *scene, const struct test_instance *in
         if (scene->views[i].header->node_count)
             memcpy(&references[i].bounds, scene->views[i].header->bounds, sizeof references[i].bounds);
     }
-    struct geometry geometry = {.type = GEOMETRY_INSTANCES,
-                                .instances.records = {records, (uint64_t)64 * count},
-                                .range.primitive_count = count};
     struct build_input input = {
         .type = STRUCTURE_TOP,
         .geometry_count = 1,
-        .geometries = &geometry,
+        .geometries = geometry,
         .reference_count = scene->scene.bottom_count,
         .references = references,
     };
     build_row(scene, &input, references, TEST_SCENE_BOTTOMS);
+    scene->scene.top = &scene->views[TEST_SCENE_BOTTOMS];
+    scene->native.top = scene->device.variant ? &scene->native_views[TEST_SCENE_BOTTOMS] : NULL;
+}
+
+void test_scene_add_top(struct test_scene *scene, const struct test_instance *instances, uint32_t count)
+{
+    unsigned char *records = calloc(count + 1, 64);
+    must(records, "no memory", NULL);
+    for (uint32_t i = 0; i < count; i++)
+        write_record(&instances[i], records + (size_t)64 * i);
+    const struct geometry geometry = {.type = GEOMETRY_INSTANCES,
+                                      .instances.records = {records, (uint64_t)64 * count},
+                                      .range.primitive_count = count};
+    build_top(scene, &geometry);
     free(records);
     scene->instances = instances;
     scene->instance_count = count;
-    scene->scene.top = &scene->views[TEST_SCENE_BOTTOMS];
-    scene->native.top = scene->device.variant ? &scene->native_views[TEST_SCENE_BOTTOMS] : NULL;
+}
+
+void test_scene_add_motion_top(struct test_scene *scene, const unsigned char *records, uint32_t count)
+{
+    const struct geometry geometry = {.type = GEOMETRY_MOVING_INSTANCES,
+                                      .instances.records = {records, (uint64_t)MOTION_RECORD_STRIDE * count},
+                                      .range.primitive_count = count};
+    build_top(scene, &geometry);
 }
 
 struct geometry test_scene_triangles(const float (*corners)[3][3], uint32_t count, uint32_t flags)

@@ -41,6 +41,7 @@ struct test_scene {
     struct lavapipe_scene native;
 
     enum build_quality quality; /* of everything that is added from now on */
+    uint32_t flags; /* BUILD_, likewise */
 };
 
 void test_scene_init(struct test_scene *scene);
@@ -57,6 +58,9 @@ uint32_t test_scene_add(struct test_scene *scene, const struct geometry *geometr
  * scene.
  */
 void test_scene_add_top(struct test_scene *scene, const struct test_instance *instances, uint32_t count);
+
+/* Builds a top level of `count` motion records, whose references are 0x1000 + the numbers of bottom levels. */
+void test_scene_add_motion_top(struct test_scene *scene, const unsigned char *records, uint32_t count);
 
 /* Make a geometry of `count` triangles without indices, or of `count` boxes; the floats must outlive the build. */
 struct geometry test_scene_triangles(const float (*corners)[3][3], uint32_t count, uint32_t flags);
