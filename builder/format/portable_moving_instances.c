@@ -7,7 +7,7 @@
 
 enum { WORD = sizeof(uint32_t), NUMBERS = sizeof(((struct portable_moving_instance *)0)->start) / sizeof(float) };
 
-/* What an instance of each MOTION_ type consists of: so many numbers a key, one key after the other. */
+/* The size of an instance by its MOTION_ type: how many numbers it has for one key, and how many keys. */
 static const struct {
     uint32_t numbers, keys;
 } motions[MOTION_TYPES] = {

@@ -14,7 +14,7 @@ _Static_assert(CANONICAL_CAP_FIRST >> 1 == PORTABLE_ID_CAP_FIRST && CANONICAL_CA
 
 #define CAPS (PORTABLE_ID_CAP_FIRST | PORTABLE_ID_CAP_SECOND)
 
-/* What distinguishes the two kinds for the loops below, which are compiled for each of them. */
+/* The shape of the primitives. The loops below are compiled once for each shape. */
 enum shape { SPHERE, SWEPT_SPHERE };
 
 /* A vertex, or the first of two, and what an index says beside it. */

@@ -79,7 +79,7 @@ static enum part part_of(const struct shape *shape, unsigned caps)
     return shape->square <= square * (1 + 0x1p-40) ? ANY_PART : CONE;
 }
 
-/* What the tangent circles of both ends have in common, with the letters of add_end(). */
+/* The tangent cone of a swept sphere, from which the circles of both ends follow; add_end() explains the letters. */
 struct cone {
     double s, circle; /* the radius of an end's circle, as a share of the end's own */
     double d[3], across[3]; /* the root of 1 - d[k]^2 */

@@ -16,7 +16,7 @@ enum { BLOCK = 96 };
 /* Where a record has its own flags, which are 0, and how many bytes its other fields have. */
 enum { RECORD_FLAGS = 4, FIELDS_SIZE = 16 };
 
-/* What the types of instances have in texts and rules. */
+/* One type of motion instance: its names in places of errors, and the matrices that rules check. */
 struct motion_type {
     const char *member;
     const char *matrices[2]; /* the members with matrices that must be invertible; NULL: none */

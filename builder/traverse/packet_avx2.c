@@ -12,7 +12,7 @@
 
 #ifdef BOXTEST_AVX2
 
-/* What a packet walks through. What differs is decided when the walks are compiled. */
+/* The kind of structure that a packet walks through. The walk is compiled once for each kind. */
 enum packet_kind { PACKET_TRIANGLES, PACKET_MOVING, PACKET_TOP };
 
 enum { ALONE = 1 }; /* up to ALONE rays go on alone; more share steps, since each would have to be prepared again */

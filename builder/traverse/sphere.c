@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "builder/traverse/sphere.h"
 
-/* What one precision says. */
+/* The answer of the test in one precision. SPHERE_OPEN: this precision cannot decide. */
 enum sphere_answer { SPHERE_MISSED, SPHERE_ENTERED, SPHERE_OPEN };
 
 #include "builder/traverse/round_real.h"

@@ -3,7 +3,11 @@
 
 #include "builder/traverse/sphere.h"
 
-/* What one precision says: the line enters the side, can enter one cap alone, or one end is all that there is. */
+/*
+ * The answer of the test in one precision: the line misses the shape; it enters the side; it can enter the cap of the
+ * first or of the second end alone; one end swallows the other, so that only its sphere is left; or this precision
+ * cannot decide.
+ */
 enum swept_answer { SWEPT_MISSED, SWEPT_SIDE, SWEPT_FIRST, SWEPT_SECOND, SWEPT_SWALLOWED, SWEPT_OPEN };
 
 #include "builder/traverse/round_real.h"

@@ -23,7 +23,7 @@ struct traverse_instance {
     uint32_t record; /* row of the top level's records */
 };
 
-/* What a ray has met. */
+/* The kind of primitive that a ray has met. */
 enum traverse_kind { MET_TRIANGLE, MET_AABB, MET_SPHERE, MET_SWEPT_SPHERE };
 
 /* A hit, or a candidate. */
