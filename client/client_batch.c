@@ -6,6 +6,7 @@
 #include "client/dependency.h"
 #include "client/local_job.h"
 #include "client/outgoing.h"
+#include "client/reference.h"
 #include "client/result_blob.h"
 #include "client/result_summary.h"
 
@@ -103,6 +104,7 @@ void client_batch_complete_item(struct bvhd_batch *batch, uint32_t index, const 
         .queued_ms = result->queued_ms,
         .prepare_ms = result->prepare_ms,
         .build_ms = result->build_ms,
+        .moves = reference_moves((struct bytes){bvhd_blob_data(blob), bvhd_blob_size(blob)}),
     };
     memcpy(item->result.key.bytes, result->key.bytes, sizeof item->result.key.bytes);
     result_summary_copy(&result->summary, &item->result);

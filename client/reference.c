@@ -16,9 +16,29 @@ bool reference_is_bounded(const struct bvhd_reference *reference)
     return memcmp(reference->bounds, none, sizeof none) != 0;
 }
 
+/* Returns the content of a structure with this header, or one that there is not if its layout is not portable. */
+static uint32_t content_of(struct bytes structure, const struct serialized_header *header)
+{
+    const uint64_t body = portable_body_offset(header->handle_count);
+    const bool is_portable = memcmp(header->driver_uuid, portable_driver_uuid, sizeof header->driver_uuid) == 0;
+    if (!is_portable || !bytes_reach(structure.size, body, 0, 0, sizeof(struct portable_header)))
+        return PORTABLE_CONTENTS;
+    return bytes_get32(structure.data + body + offsetof(struct portable_header, content));
+}
+
+bool reference_moves(struct bytes structure)
+{
+    struct serialized_header header;
+    if (serialized_read(structure, &header, NULL) != BVHD_OK)
+        return false;
+    const struct record_kind *kind = record_kind_of(content_of(structure, &header));
+    return kind && record_kind_moves(kind);
+}
+
 struct reference reference_convert(const struct bvhd_reference *from)
 {
-    struct reference reference = {.kind = REFERENCE_BLAS, .handle = from->handle, .has_key = from->has_key != 0};
+    struct reference reference = {
+        .kind = REFERENCE_BLAS, .handle = from->handle, .moves = from->moves != 0, .has_key = from->has_key != 0};
     bool is_origin = memcmp(from->bounds, origin, sizeof origin) == 0;
     memcpy(reference.key.bytes, from->key.bytes, sizeof reference.key.bytes);
     if (!is_origin) {
@@ -37,19 +57,15 @@ enum bvhd_status reference_check_bottom(const struct bvhd_result *result, struct
     enum bvhd_status status = serialized_read(bytes, &header, error);
     if (status != BVHD_OK)
         return status;
-    bool is_top = header.handle_count > 0;
-    uint64_t body = portable_body_offset(0);
-    if (memcmp(header.driver_uuid, portable_driver_uuid, sizeof header.driver_uuid) == 0 &&
-        bytes_reach(bytes.size, body, 0, 0, sizeof(struct portable_header)))
-        is_top =
-            is_top || record_kind_is_top(bytes_get32(bytes.data + body + offsetof(struct portable_header, content)));
+    bool is_top = header.handle_count > 0 || record_kind_is_top(content_of(bytes, &header));
     return is_top ? bvhd_error_set(error, BVHD_INVALID, "result", "the structure is a top level, not a bottom level")
                   : BVHD_OK;
 }
 
 struct reference reference_take(const struct bvhd_result *result, uint64_t handle)
 {
-    struct reference reference = {.kind = REFERENCE_BLAS, .handle = handle, .has_key = true};
+    struct reference reference = {
+        .kind = REFERENCE_BLAS, .handle = handle, .moves = result->moves != 0, .has_key = true};
     memcpy(reference.key.bytes, result->key.bytes, sizeof reference.key.bytes);
     memcpy(reference.bounds.min, result->bounds, sizeof reference.bounds.min);
     memcpy(reference.bounds.max, result->bounds + 3, sizeof reference.bounds.max);
@@ -67,7 +83,7 @@ enum bvhd_status bvhd_reference_from_result(const struct bvhd_result *result, ui
         status = reference_check_bottom(result, NULL);
     if (status != BVHD_OK)
         return status;
-    struct bvhd_reference reference = {.handle = handle, .has_key = 1, .key = result->key};
+    struct bvhd_reference reference = {.handle = handle, .has_key = 1, .key = result->key, .moves = result->moves};
     memcpy(reference.bounds, result->bounds, sizeof reference.bounds);
     memcpy(reference.slabs, result->slabs, sizeof reference.slabs);
     if (!reference_is_bounded(&reference))

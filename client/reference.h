@@ -13,6 +13,9 @@
 
 #include "proto/base/geometry.h"
 
+/* Returns whether a structure moves. The bytes may be anything; those that are no structure do not move. */
+bool reference_moves(struct bytes structure);
+
 /* Returns whether the reference states bounds, rather than leave them to its key. */
 bool reference_is_bounded(const struct bvhd_reference *reference);
 

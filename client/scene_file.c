@@ -12,6 +12,7 @@
 
 #include "builder/format/container.h"
 #include "client/library.h"
+#include "client/reference.h"
 #include "proto/base/place.h"
 #include "proto/base/status.h"
 
@@ -44,6 +45,7 @@ static struct bvhd_scene_structure describe(const struct container_structure *st
         .scene = stored->scene,
         .bottoms = stored->references,
         .bottom_count = stored->reference_count,
+        .moves = reference_moves(stored->blob),
     };
     memcpy(&structure.key, &stored->key, sizeof structure.key);
     memcpy(structure.bounds, stored->bounds, sizeof structure.bounds);

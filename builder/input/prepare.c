@@ -208,7 +208,7 @@ static enum bvhd_status make_references(struct work *work)
     struct canonical_geometry *geometry = work->fetch.view.geometries;
     if (work->input->type != STRUCTURE_TOP)
         return BVHD_OK;
-    const struct reference_records records = {rows_of(work)->type, geometry->primitive_count,
+    const struct reference_records records = {work->index, rows_of(work)->type, geometry->primitive_count,
                                               work->block + rows_of(work)->data_offset};
     return reference_rows_make(&records, work->input->references, work->input->reference_count, work->context,
                                &work->references, work->error);

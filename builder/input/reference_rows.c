@@ -123,15 +123,28 @@ static bool is_cancelled(const struct build_context *context, uint32_t record)
     return record % 8192 == 0 && context_cancelled(context);
 }
 
-/*
- * Numbers the structures in the order of first use: makes a row for each, and writes its number into the records.
- * Returns the number of rows; fewer when cancelled.
- */
-static uint32_t number_references(const struct reference_records *records, const struct reference *references,
-                                  const struct build_context *context, uint32_t *row_of_reference,
-                                  struct form_reference *rows)
+/* Refuses a structure that moves in a top level that does not: Vulkan has this rule without a VUID. */
+static enum bvhd_status refuse_motion(const struct reference_records *records, uint32_t record,
+                                      struct bvhd_error *error)
 {
-    const uint32_t size = kind_find(records->type)->primitive_bytes;
+    return bvhd_error_set(
+        error, BVHD_INVALID,
+        place("infos[%u].geometries[0].instances[%u].accelerationStructureReference", records->index, record).text,
+        "names a structure that moves, which needs VK_BUILD_ACCELERATION_STRUCTURE_MOTION_BIT_NV in "
+        "infos[%u].flags",
+        records->index);
+}
+
+/*
+ * Numbers the structures in the order of first use: makes a row for each, and writes its number into the records. The
+ * number of rows is smaller when cancelled. Fails if a structure moves that must not.
+ */
+static enum bvhd_status number_references(const struct reference_records *records, const struct reference *references,
+                                          const struct build_context *context, uint32_t *row_of_reference,
+                                          struct reference_rows *numbered, struct bvhd_error *error)
+{
+    const struct kind *kind = kind_find(records->type);
+    const uint32_t size = kind->primitive_bytes;
     uint32_t count = 0;
     for (uint32_t i = 0; i < records->count && !is_cancelled(context, i); i++) {
         unsigned char *record = records->records + (uint64_t)size * i;
@@ -141,28 +154,34 @@ static uint32_t number_references(const struct reference_records *records, const
             continue;
         uint32_t *row = &row_of_reference[reference - 1];
         if (*row == 0) {
-            rows[count] = row_of(&references[reference - 1]);
+            if (references[reference - 1].moves && !kind->moves)
+                return refuse_motion(records, i, error);
+            numbered->rows[count] = row_of(&references[reference - 1]);
             *row = ++count;
         }
         bytes_put64(field, *row);
     }
-    return count;
+    numbered->count = count;
+    return BVHD_OK;
 }
 
-/* Returns false when there is no memory. The rows are incomplete when it is cancelled on the way. */
-static bool make(const struct reference_records *records, const struct reference *references, uint32_t reference_count,
-                 const struct build_context *context, struct reference_rows *rows)
+/* The rows are incomplete when it is cancelled on the way. The caller frees them, also when it fails. */
+static enum bvhd_status make(const struct reference_records *records, const struct reference *references,
+                             uint32_t reference_count, const struct build_context *context, struct reference_rows *rows,
+                             struct bvhd_error *error)
 {
+    enum bvhd_status status;
     uint32_t capacity = reference_count < records->count ? reference_count : records->count;
     uint32_t *numbers = memory_array(context->memory, reference_count, sizeof *numbers);
     rows->rows = memory_array(context->memory, capacity, sizeof *rows->rows);
-    bool ready = numbers && rows->rows;
-    if (ready) {
+    if (numbers && rows->rows) {
         memset(numbers, 0, reference_count * sizeof *numbers);
-        rows->count = number_references(records, references, context, numbers, rows->rows);
+        status = number_references(records, references, context, numbers, rows, error);
+    } else {
+        status = bvhd_error_no_memory(error, "references", "no memory for %u references", reference_count);
     }
     memory_free(context->memory, numbers);
-    return ready;
+    return status;
 }
 
 enum bvhd_status reference_rows_make(const struct reference_records *records, const struct reference *references,
@@ -171,9 +190,9 @@ enum bvhd_status reference_rows_make(const struct reference_records *records, co
 {
     struct reference_rows made = {NULL, 0};
     enum bvhd_status status = BVHD_OK;
-    if (reference_count > 0 && records->count > 0 && !make(records, references, reference_count, context, &made))
-        status = bvhd_error_no_memory(error, "references", "no memory for %u references", reference_count);
-    else if (context_cancelled(context))
+    if (reference_count > 0 && records->count > 0)
+        status = make(records, references, reference_count, context, &made, error);
+    if (status == BVHD_OK && context_cancelled(context))
         status = bvhd_error_set(error, BVHD_CANCELLED, "references", "cancelled");
     if (status == BVHD_OK)
         *ret_rows = made;

@@ -34,6 +34,7 @@ uint64_t reference_lookup_find(const struct reference_lookup *lookup, uint64_t h
 
 /* The records of the instances of a top level. */
 struct reference_records {
+    uint32_t index; /* the entry's position in its batch, for errors */
     uint32_t type; /* GEOMETRY_INSTANCES or GEOMETRY_MOVING_INSTANCES, which decides on the form of records */
     uint32_t count;
     unsigned char *records;
@@ -46,7 +47,8 @@ struct reference_rows {
 
 /*
  * Makes the rows. The records' reference fields come in as 1-based positions in `references` (0: inactive), and leave
- * as 1-based rows of *ret_rows. After BVHD_NO_MEMORY or BVHD_CANCELLED some fields may have changed and others not.
+ * as 1-based rows of *ret_rows. Returns BVHD_INVALID with the first instance that names a structure that moves, if the
+ * top level does not, BVHD_NO_MEMORY or BVHD_CANCELLED; some fields may have changed then and others not.
  */
 enum bvhd_status reference_rows_make(const struct reference_records *records, const struct reference *references,
                                      uint32_t reference_count, const struct build_context *context,

@@ -157,6 +157,7 @@ enum reference_kind { REFERENCE_BLAS = 1 };
 struct reference {
     enum reference_kind kind;
     uint64_t handle; /* the value that instance records carry; not 0; unique within the table */
+    bool moves; /* it has motion triangles, so only a top level with BUILD_MOTION may name it */
     bool has_key;
     struct key key; /* if has_key: the key of the structure's bytes */
     struct box bounds; /* of the structure in its own space; box_empty() for an empty structure */

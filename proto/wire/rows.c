@@ -116,7 +116,8 @@ static struct geometry_row geometry_to_row(const struct geometry *geometry, cons
 
 static struct reference_row reference_to_row(const struct reference *reference)
 {
-    struct reference_row row = {.handle = reference->handle, .kind = reference->kind, .has_key = reference->has_key};
+    struct reference_row row = {
+        .handle = reference->handle, .kind = reference->kind, .has_key = reference->has_key, .moves = reference->moves};
     if (reference->has_key)
         memcpy(row.key, reference->key.bytes, sizeof row.key);
     memcpy(row.bounds, reference->bounds.min, sizeof reference->bounds.min);
@@ -323,8 +324,12 @@ static enum bvhd_status row_to_reference(const struct rows_reader *reading, uint
         return refuse_reference(reading, i, BVHD_UNSUPPORTED, "fields of a newer version");
     if (row->has_key > 1)
         return refuse_reference(reading, i, BVHD_CORRUPT, "has_key is neither 0 nor 1");
-    struct reference reference = {
-        .kind = (enum reference_kind)row->kind, .handle = row->handle, .has_key = row->has_key == 1};
+    if (row->moves > 1)
+        return refuse_reference(reading, i, BVHD_CORRUPT, "moves is neither 0 nor 1");
+    struct reference reference = {.kind = (enum reference_kind)row->kind,
+                                  .handle = row->handle,
+                                  .moves = row->moves == 1,
+                                  .has_key = row->has_key == 1};
     if (reference.has_key)
         memcpy(reference.key.bytes, row->key, sizeof reference.key.bytes);
     memcpy(reference.bounds.min, row->bounds, sizeof reference.bounds.min);

@@ -50,7 +50,8 @@ struct reference_row {
     uint32_t has_key;
     uint8_t key[KEY_SIZE];
     float bounds[6]; /* minimum, maximum */
-    uint64_t reserved; /* 0 */
+    uint32_t moves; /* 0 or 1 */
+    uint32_t reserved; /* 0 */
     float slabs[2 * SLABS_COUNT]; /* minima, maxima (slabs.h); all 0: unknown. Shorter rows end before this field. */
 };
 

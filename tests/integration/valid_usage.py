@@ -10,6 +10,7 @@ import sys
 
 DOCUMENT = "docs/valid-usage.md"
 REGISTRY = pathlib.Path("/usr/share/vulkan/registry/validusage.json")
+UNNUMBERED = re.compile(r"\| ([^|`][^|]*) \| ([\w/]+\.c) \| (test_\w+\.c): (\w+) \|")
 ROW = re.compile(r"\| `(VUID-(\w+)-[\w-]+)` \| (\S+) \| (.*) \|")
 FOLDERS = ("proto", "builder", "client", "daemon")
 LEAST_ROWS = 200
@@ -29,8 +30,10 @@ class Comparison:
         pairs = re.findall(r'BVHD_VUID\((\w+),\s*"(VUID-[\w-]+)"\)', definitions)
         self.names = {vuid: name for name, vuid in pairs}
         self.rows = {}
-        for line in read(source / DOCUMENT).splitlines():
+        lines = read(source / DOCUMENT).splitlines()
+        for line in lines:
             self.add_row(line)
+        self.unnumbered = [match.groups() for match in map(UNNUMBERED.fullmatch, lines) if match]
         self.tests = {path.name: path for path in (source / "tests/unit").rglob("test_*.c")}
         self.reported = self.find_reported()
 
@@ -88,6 +91,16 @@ class Comparison:
             if vuid not in self.rows:
                 self.complain(f"{vuid}: the table does not have it")
 
+    def check_unnumbered(self):
+        """The rules without a VUID: both files exist, and the test has the function."""
+        if not self.unnumbered:
+            self.complain("no rule without a VUID is read")
+        for rule, place, file, word in self.unnumbered:
+            if not (self.source / place).exists():
+                self.complain(f"{rule}: there is no {place}")
+            if file not in self.tests or not re.search(rf"\b{word}\b", read(self.tests[file])):
+                self.complain(f"{rule}: there is no test {file}: {word}")
+
     def check_registry(self):
         """The table is complete: it has every rule of each call and struct that it speaks of."""
         if not REGISTRY.exists():
@@ -108,6 +121,7 @@ def main():
     if len(comparison.rows) < LEAST_ROWS:
         comparison.complain(f"only {len(comparison.rows)} rows are read")
     comparison.check_rows()
+    comparison.check_unnumbered()
     comparison.check_registry()
     print("\n".join(comparison.differences))
     return 1 if comparison.differences else 0

@@ -161,6 +161,26 @@ class MotionTest(unittest.TestCase):
             self.distances(results, np.zeros((2, 2)), [0.5, 1]), [7, 5], rtol=1e-6
         )
 
+    def test_a_top_level_over_what_moves_moves(self):
+        """Whether the bottom level is a result, a reference, or of the same batch."""
+        below = bvhd.BottomLevel([bvhd.Triangles(CORNERS, FACES, end_vertices=CORNERS)])
+        built = self.client.build(below)
+        still = self.client.build(bvhd.Triangles(CORNERS, FACES))
+        self.assertEqual((built.moves, still.moves), (True, False))
+        known = bvhd.Reference(built.key, built.bounds, moves=True)
+        for one in (built, known):
+            with self.assertRaisesRegex(bvhd.Error, "MOTION_BIT_NV") as raised:
+                self.client.build(bvhd.TopLevel([still, one]))
+            self.assertEqual(raised.exception.status, bvhd.Status.INVALID)
+            self.assertTrue(
+                raised.exception.where.endswith("instances[1].accelerationStructureReference")
+            )
+            top = self.client.build(bvhd.TopLevel([still, one], flags=bvhd.BuildFlags.MOTION))
+            self.assertTrue(top.moves)
+        with self.assertRaisesRegex(bvhd.Error, "MOTION_BIT_NV"):
+            self.client.build([below, bvhd.TopLevel([below])])
+        self.assertFalse(self.client.build(bvhd.TopLevel([still])).moves)
+
     def test_what_the_library_refuses(self):
         bottom = bvhd.BottomLevel([bvhd.Triangles(CORNERS, FACES, end_vertices=CORNERS)])
         object.__setattr__(bottom, "flags", bvhd.BuildFlags.NONE)

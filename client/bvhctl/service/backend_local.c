@@ -6,6 +6,7 @@
 #include "builder/workers.h"
 #include "client/bvhctl/service/local_cache.h"
 #include "client/format.h"
+#include "client/reference.h"
 #include "client/result_summary.h"
 #include "client/vulkan_input.h"
 #include "proto/base/clock.h"
@@ -78,7 +79,8 @@ static void copy_references(const struct bvhd_build *build, struct reference *re
 {
     for (uint32_t i = 0; i < build->reference_count; i++) {
         const struct bvhd_reference *from = &build->references[i];
-        references[i] = (struct reference){.kind = REFERENCE_BLAS, .handle = from->handle, .has_key = from->has_key};
+        references[i] = (struct reference){
+            .kind = REFERENCE_BLAS, .handle = from->handle, .moves = from->moves, .has_key = from->has_key};
         memcpy(&references[i].key, &from->key, sizeof references[i].key);
         memcpy(&references[i].bounds, from->bounds, sizeof references[i].bounds);
         memcpy(&references[i].slabs, from->slabs, sizeof references[i].slabs);
@@ -96,6 +98,7 @@ static void copy_result(const struct batch_item *item, struct bvhd_result *ret_r
                                   : BVHD_ORIGIN_BUILT,
         .prepare_ms = item->prepare_ms,
         .build_ms = item->build_ms,
+        .moves = reference_moves((struct bytes){item->blob, item->blob ? item->size : 0}),
     };
     result.error.status = item->status;
     memcpy(&result.key, &item->key, sizeof result.key);

@@ -252,8 +252,8 @@ enum bvhd_priority { BVHD_PRIORITY_LOW = -1, BVHD_PRIORITY_NORMAL = 0, BVHD_PRIO
 
 /*
  * A bottom level that instances may reference, as its result describes it: bvhd_reference_from_result makes one. With a
- * key, `bounds` and `slabs` may be left out: the service then takes those of the structure that has this key. It is
- * also how an update names what it updates, for which the key is enough.
+ * key, what follows it may be left out: the service then takes what the structure has that has this key. It is also how
+ * an update names what it updates, for which the key is enough.
  */
 struct bvhd_reference {
     /*
@@ -271,15 +271,14 @@ struct bvhd_reference {
     float bounds[6];
     /* Copied from result->slabs: makes the world boxes of rotated instances smaller. All 0 means unknown. */
     float slabs[20];
+    int moves; /* copied from result->moves. 1: only a top level with the flag MOTION may name it */
 };
 
 /* A request for several structures: what they are built from, and in which quality and format. */
 struct bvhd_build {
     size_t struct_size; /* sizeof(struct bvhd_build) */
     uint32_t info_count; /* number of structures to build; may be 0 */
-    /*
-     * One build info for each structure. Addresses in them are host addresses; handles are only compared, as numbers.
-     */
+    /* One build info for each structure. Addresses in them are the host's; handles are only compared, as numbers. */
     const VkAccelerationStructureBuildGeometryInfoKHR *infos;
     /* ranges[i] points to infos[i].geometryCount ranges */
     const VkAccelerationStructureBuildRangeInfoKHR *const *ranges;
@@ -468,6 +467,7 @@ struct bvhd_result {
     /* Of an update: the expected cost of tracing it, over that of the last build: 2 is twice as dear. 0: a build. */
     double decay;
     uint32_t refits; /* updates since the last build, this one included; 0: a build */
+    int moves; /* 1: it has motion triangles, or is a top level with the flag MOTION */
 };
 
 /*

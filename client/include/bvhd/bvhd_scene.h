@@ -80,6 +80,7 @@ struct bvhd_scene_structure {
      */
     const uint32_t *bottoms;
     uint32_t bottom_count;
+    int moves; /* 1: it has motion triangles, or is a top level with the flag MOTION; for bvhd_reference */
 };
 
 /* Returns the number of structures. */

@@ -98,6 +98,7 @@ class Reference(c.Structure):
         ("key", Key),
         ("bounds", c.c_float * 6),
         ("slabs", c.c_float * 20),
+        ("moves", c.c_int),
     ]
 
 
@@ -280,6 +281,7 @@ class Result(c.Structure):
         ("quality", c.c_int),
         ("decay", c.c_double),
         ("refits", c.c_uint32),
+        ("moves", c.c_int),
     ]
 
 
@@ -337,6 +339,7 @@ class SceneStructure(c.Structure):
         ("slabs", c.c_float * 20),
         ("bottoms", c.POINTER(c.c_uint32)),
         ("bottom_count", c.c_uint32),
+        ("moves", c.c_int),
     ]
 
 

@@ -84,7 +84,9 @@ class Result:
             for field in s.Result._fields_
             if field[1] in (c.c_uint64, c.c_double, c.c_uint32) and field[0] != "size"
         }
-        self._reference = Reference(self.key, self.bounds, self.slabs)
+        #: It has motion triangles, or is a top level that moves.
+        self.moves = bool(result.moves)
+        self._reference = Reference(self.key, self.bounds, self.slabs, self.moves)
 
     @property
     def data(self) -> memoryview:

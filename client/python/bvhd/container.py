@@ -48,7 +48,8 @@ class Structure:
         self.scene: str = struct.scene.decode()
         self.bounds = np.array(struct.bounds, np.float32)
         self.slabs = np.array(struct.slabs, np.float32)
-        self._reference = Reference(self.key, self.bounds, self.slabs)
+        self.moves = bool(struct.moves)
+        self._reference = Reference(self.key, self.bounds, self.slabs, self.moves)
         #: Of a top level: the numbers of the structures that it names, by rows.
         self.bottoms: list[int] = struct.bottoms[: struct.bottom_count]
 

@@ -369,12 +369,14 @@ class BottomLevel:
 class Reference:
     """A structure that was built before, for instances: its key, and the bounds of its result.
 
-    The service looks up bounds that are not given.
+    The service looks up bounds that are not given, and with them whether the structure moves, so
+    that only a TopLevel with BuildFlags.MOTION may name it.
     """
 
     key: bytes
     bounds: Optional[npt.ArrayLike] = None
     slabs: Optional[npt.ArrayLike] = None
+    moves: bool = False
     handle: int = field(default_factory=lambda: next(_handles), init=False)
 
     def _fill(self, reference: s.Reference) -> None:
@@ -387,6 +389,7 @@ class Reference:
             reference.bounds[:] = _floats("bounds", self.bounds, 6)
         if self.slabs is not None:
             reference.slabs[:] = _floats("slabs", self.slabs, 20)
+        reference.moves = self.moves
 
 
 def _floats(name: str, values: npt.ArrayLike, count: int) -> list[float]:

@@ -104,6 +104,7 @@ static inline void payload_compare_references(const struct reference *a, const s
 {
     assert_int_equal(a->kind, b->kind);
     assert_int_equal(a->handle, b->handle);
+    assert_int_equal(a->moves, b->moves);
     assert_int_equal(a->has_key, b->has_key);
     if (a->has_key)
         assert_memory_equal(&a->key, &b->key, sizeof a->key);

@@ -286,7 +286,7 @@ static void test_lookup(void **state)
     struct bvhd_batch *batch = submit(&scene);
     uint64_t request = take_get(&scene);
     send_structure(&scene, request, 1, PORTABLE_AABBS, 0);
-    send_structure(&scene, request, 0, PORTABLE_AABBS, 0);
+    send_structure(&scene, request, 0, PORTABLE_MOVING_TRIANGLES, 0);
     bvhd_client_dispatch(scene.bed.client);
     struct frame frame = take_build(&scene, 1);
     for (uint32_t slot = 0; slot < 3; slot++) {
@@ -295,6 +295,7 @@ static void test_lookup(void **state)
         assert_int_equal(row.key[0], slot == 1 ? 2 : 0xcd);
         assert_true(row.bounds[0] == (slot == 1 ? 0 : -1));
         assert_true(row.slabs[19] == (slot == 1 ? 0 : 7));
+        assert_int_equal(row.moves, slot == 0);
     }
     fake_send_result(&scene.bed.fake, frame.header.request, 0, 20);
     assert_true(bed_finish(&scene.bed, batch));
@@ -409,8 +410,10 @@ static void test_from_result(void **state)
     struct bvhd_reference reference = {.handle = 77};
     struct bvhd_result result = {.data = bytes, .size = sizeof bytes, .key = {{5}}, .bounds = {1, 2, 3, 4, 5, 6}};
     result.slabs[10] = 9;
+    result.moves = 1;
     serialized_write(bytes, &header);
     assert_int_equal(bvhd_reference_from_result(&result, 3, &reference), BVHD_OK);
+    assert_true(reference.moves == 1 && reference_convert(&reference).moves && reference_take(&result, 3).moves);
     assert_true(reference.handle == 3 && reference.has_key == 1 && reference.key.bytes[0] == 5);
     assert_true(reference.bounds[5] == 6 && reference.slabs[10] == 9);
     assert_int_equal(bvhd_reference_from_result(&result, 0, &reference), BVHD_INVALID);
@@ -448,6 +451,37 @@ static void test_point_at_origin(void **state)
     assert_memory_equal(&converted.bounds, reference.bounds, sizeof zero);
 }
 
+/* A structure moves if its content does, whatever else the bytes are. */
+static void test_moves(void **state)
+{
+    (void)state;
+    enum { BODY = 64, HANDLES = 3, BODY_BEHIND_HANDLES = 128 };
+    _Alignas(64) unsigned char bytes[BODY_BEHIND_HANDLES + sizeof(struct portable_header)];
+    for (uint32_t content = 0; content < PORTABLE_CONTENTS + 2; content++) {
+        const bool moves = content == PORTABLE_MOVING_TRIANGLES || content == PORTABLE_MOVING_INSTANCES;
+        for (uint64_t handles = 0; handles <= HANDLES; handles += HANDLES) {
+            const uint32_t body = handles ? BODY_BEHIND_HANDLES : BODY;
+            const struct portable_header portable = {.content = content};
+            struct serialized_header header = {.handle_count = handles};
+            struct bytes structure = {bytes, body + sizeof portable};
+            memset(bytes, 0, sizeof bytes);
+            header.serialized_size = structure.size;
+            memcpy(bytes + body, &portable, sizeof portable);
+            serialized_write(bytes, &header);
+            assert_false(reference_moves(structure)); /* of another driver */
+            memcpy(header.driver_uuid, portable_driver_uuid, sizeof header.driver_uuid);
+            serialized_write(bytes, &header);
+            assert_true(reference_moves(structure) == moves);
+            for (uint64_t size = 0; size < body + sizeof portable; size++) {
+                header.serialized_size = structure.size = size;
+                serialized_write(bytes, &header);
+                assert_false(reference_moves(structure));
+            }
+        }
+    }
+    assert_false(reference_moves((struct bytes){NULL, 0}));
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -462,6 +496,7 @@ int main(void)
         cmocka_unit_test(test_failing_allocations),
         cmocka_unit_test(test_from_result),
         cmocka_unit_test(test_point_at_origin),
+        cmocka_unit_test(test_moves),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

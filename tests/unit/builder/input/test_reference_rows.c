@@ -162,6 +162,27 @@ static void references_are_checked(void **state)
     bed_refuse(&test, BVHD_INVALID, "", "infos[2].references");
 }
 
+/* A top level that names a structure that moves has to move itself; whether it does is no part of the copy. */
+static void only_what_moves_names_what_moves(void **state)
+{
+    (void)state;
+    struct test_input test, other;
+    inputs_instances(&test);
+    test.references[0].moves = true; /* which no instance names */
+    inputs_instances(&other);
+    bed_compare(&test, &other, true);
+    test.references[1].moves = true;
+    bed_refuse(&test, BVHD_INVALID, "", "infos[2].geometries[0].instances[2].accelerationStructureReference");
+    memset(test.records[2] + 14, 0, 8); /* an inactive instance names nothing */
+    struct canonical canonical = bed_make(&test);
+    bed_finish(&canonical);
+    inputs_motion_instances(&test);
+    inputs_motion_instances(&other);
+    for (int i = 0; i < 3; i++)
+        test.references[i].moves = true;
+    bed_compare(&test, &other, true);
+}
+
 static void failing_allocations_hold_nothing(void **state)
 {
     (void)state;
@@ -172,7 +193,7 @@ static void failing_allocations_hold_nothing(void **state)
         for (uint64_t i = 0; i < INPUTS_RECORDS; i++)
             memcpy(test.records[i] + 14, &(uint64_t){i % 4}, 8);
         atomic_store(&bed_memory.fail_after, failures);
-        const struct reference_records records = {GEOMETRY_INSTANCES, INPUTS_RECORDS, (unsigned char *)test.records};
+        const struct reference_records records = {2, GEOMETRY_INSTANCES, INPUTS_RECORDS, (unsigned char *)test.records};
         enum bvhd_status status = reference_rows_make(&records, test.references, 3, &bed_context, &rows, NULL);
         assert_int_equal(status, failures < 2 ? BVHD_NO_MEMORY : BVHD_OK);
         assert_int_equal(rows.count, failures < 2 ? 7 : 3);
@@ -189,6 +210,7 @@ int main(void)
         cmocka_unit_test(references_are_canonical),
         cmocka_unit_test(many_references_are_told_apart),
         cmocka_unit_test(references_are_checked),
+        cmocka_unit_test(only_what_moves_names_what_moves),
         cmocka_unit_test(failing_allocations_hold_nothing),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

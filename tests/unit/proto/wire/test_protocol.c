@@ -227,6 +227,7 @@ static void tables_are_the_structs(void **state)
     FIELD(reference_row, has_key);
     FIELD(reference_row, key);
     FIELD(reference_row, bounds);
+    FIELD(reference_row, moves);
     FIELD(reference_row, reserved);
 }
 

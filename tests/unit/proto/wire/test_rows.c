@@ -69,6 +69,7 @@ static void descriptions_come_back(void **state)
     for (int i = 0; i < SLABS_COUNT; i++)
         test.references[1].slabs.min[i] = test.references[1].slabs.max[i] = i ? (float)i : INFINITY;
     test.references[0].kind = (enum reference_kind)99;
+    test.references[1].moves = true;
     round_trip(&test.input);
     test.input.geometry_count = 0;
     round_trip(&test.input);

@@ -179,9 +179,12 @@ static void reserved_fields_are_refused(void **state)
     *reserved_round = 0;
     free(round.bytes);
     unsigned char *reference = payload.bytes + ROWS_GEOMETRY_LEAST + ROWS_REFERENCE_SIZE;
-    bytes_put64(reference + offsetof(struct reference_row, reserved), UINT64_C(1) << 63);
+    bytes_put32(reference + offsetof(struct reference_row, reserved), UINT32_C(1) << 31);
     payload_refuse(&payload, BVHD_UNSUPPORTED, "infos[5].references[1]");
-    bytes_put64(reference + offsetof(struct reference_row, reserved), 0);
+    bytes_put32(reference + offsetof(struct reference_row, reserved), 0);
+    bytes_put32(reference + offsetof(struct reference_row, moves), 2);
+    payload_refuse(&payload, BVHD_CORRUPT, "infos[5].references[1]");
+    bytes_put32(reference + offsetof(struct reference_row, moves), 0);
     bytes_put32(reference + offsetof(struct reference_row, has_key), 2);
     payload_refuse(&payload, BVHD_CORRUPT, "infos[5].references[1]");
     free(payload.bytes);
