@@ -179,6 +179,15 @@ bool structure_takes_motion(const struct bvhd_structure *structure, uint32_t fla
     return structure->moves == ((flags & BUILD_MOTION) != 0);
 }
 
+enum bvhd_status structure_check_instances(const struct bvhd_structure *structure, uint32_t motion_instances,
+                                           const char *where, struct bvhd_error *error)
+{
+    if (motion_instances <= structure->max_instances)
+        return BVHD_OK;
+    return bvhd_error_set(error, BVHD_INVALID, where, "it was created for %llu motion instances, and there are %u",
+                          (unsigned long long)structure->max_instances, motion_instances);
+}
+
 void structure_release(const struct structure_contents *contents)
 {
     positions_unref(contents->positions);
@@ -281,12 +290,9 @@ static enum bvhd_status check_motion(const struct bvhd_structure *structure,
     if (!structure_takes_motion(structure, info->flags))
         return bvhd_error_rule(error, BVHD_VUID_04928, "info.dstAccelerationStructure",
                                "it was created without MOTION");
-    const bool is_limited = structure->moves && info->type == VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR;
-    if (is_limited && info->geometryCount > 0 && ranges[0].primitiveCount > structure->max_instances)
-        return bvhd_error_set(error, BVHD_INVALID, "info.dstAccelerationStructure",
-                              "it was created for %llu motion instances, and the build has %u",
-                              (unsigned long long)structure->max_instances, ranges[0].primitiveCount);
-    return BVHD_OK;
+    const bool has_instances = structure->moves && info->type == VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR;
+    return structure_check_instances(structure, has_instances && info->geometryCount > 0 ? ranges[0].primitiveCount : 0,
+                                     "info.dstAccelerationStructure", error);
 }
 
 /* Checks that the result is one of the info, and reads it. */

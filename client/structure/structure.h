@@ -21,6 +21,7 @@ struct structure_contents {
     uint32_t layout_flags; /* with which it was built */
     uint64_t body_size; /* what an object needs that is to hold it */
     uint64_t handle_count;
+    uint32_t motion_instances; /* of a top level that moves: its instances, inactive ones too; else 0 */
     struct positions *positions; /* NULL: a portable structure without ALLOW_DATA_ACCESS */
     bool is_compacted; /* by COMPACT, or possibly, before it was serialized: then updates need no more than it has */
 };
@@ -55,6 +56,10 @@ bool structure_takes(const struct bvhd_structure *structure, uint32_t type);
 
 /* Returns whether an object was created with MOTION exactly if a structure was built with it, by these flags. */
 bool structure_takes_motion(const struct bvhd_structure *structure, uint32_t flags);
+
+/* Checks that an object was created for as many motion instances as a structure has. `where` names the object. */
+enum bvhd_status structure_check_instances(const struct bvhd_structure *structure, uint32_t motion_instances,
+                                           const char *where, struct bvhd_error *error);
 
 /* Returns whether serialized bytes with these UUIDs can be read; `format` may be NULL. */
 bool structure_is_compatible(const uint8_t uuids[2 * VK_UUID_SIZE], const struct bvhd_format *format);

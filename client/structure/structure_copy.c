@@ -49,7 +49,10 @@ static enum bvhd_status check_room(const struct bvhd_structure *structure, uint6
                            (unsigned long long)structure->size, (unsigned long long)needed);
 }
 
-/* A copy is made into an object that was created for such a structure: for its type, and with motion if it moves. */
+/*
+ * A copy is made into an object that was created for such a structure: for its type, and with motion if it moves, for
+ * as many instances.
+ */
 static enum bvhd_status check_created(const struct bvhd_structure *structure, const struct structure_contents *contents,
                                       struct bvhd_error *error)
 {
@@ -60,7 +63,7 @@ static enum bvhd_status check_created(const struct bvhd_structure *structure, co
     if (!structure_takes_motion(structure, contents->flags))
         return bvhd_error_set(error, BVHD_INVALID, "info.dst", "it was created %s MOTION, and the source was built %s",
                               structure->moves ? "with" : "without", structure->moves ? "without" : "with");
-    return BVHD_OK;
+    return structure_check_instances(structure, contents->motion_instances, "info.dst", error);
 }
 
 /* ---- clone, compact ---- */

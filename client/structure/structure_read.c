@@ -30,6 +30,8 @@ static enum bvhd_status read_portable(struct bytes bytes, struct structure_conte
     contents->target = TARGET_PORTABLE;
     contents->type = record_kind_is_top(view.header->content) ? STRUCTURE_TOP : STRUCTURE_BOTTOM;
     contents->flags = view.header->build_flags;
+    if (view.header->content == PORTABLE_MOVING_INSTANCES)
+        contents->motion_instances = view.header->primitive_count;
     contents->layout_flags = record_kind_of(view.header->content)->layout_flag;
     if (!(contents->flags & BUILD_ALLOW_DATA_ACCESS))
         return BVHD_OK;

@@ -98,8 +98,8 @@ BVHD_API enum bvhd_status bvhd_structure_sizes(const struct bvhd_structure_sizes
  * Creates an object that is empty (vkCreateAccelerationStructureKHR). `type` may be GENERIC: the object then may hold
  * either type. `buffer` is ignored. Of the create flags, MOTION can be used: such an object holds only what was built
  * with the flag MOTION, and a top level's info then has a VkAccelerationStructureMotionInfoNV in its chain, with the
- * most instances that it is to have. The flags of capture and replay belong to features that are not offered. The
- * caller destroys the object with bvhd_structure_destroy.
+ * most instances that it is to have, by copies too. The flags of capture and replay belong to features that are not
+ * offered. The caller destroys the object with bvhd_structure_destroy.
  */
 BVHD_API enum bvhd_status bvhd_structure_create(const VkAccelerationStructureCreateInfoKHR *info,
                                                 struct bvhd_structure **ret_structure, struct bvhd_error *ret_error);
@@ -116,8 +116,10 @@ BVHD_API VkAccelerationStructureKHR bvhd_structure_handle(const struct bvhd_stru
  * build: it was created as the type that was built, or as GENERIC, with MOTION exactly if the build has that flag, and
  * at least as large as bvhd_structure_sizes says for the counts in `ranges` and the quality that was built. An info of
  * the mode UPDATE names an object of this header as its source: if that holds what COMPACT made, an update of it or a
- * deserialized structure, the destination needs only the compacted size, which an update does not change. The object
- * takes a reference to the result's blob: batch and client are not needed afterwards.
+ * deserialized structure, the destination needs only the compacted size, which an update does not change. A program
+ * that named the source to bvhd_batch_submit by a number of its own sets VK_NULL_HANDLE instead, which counts as a
+ * source that is not compacted. The object takes a reference to the result's blob: batch and client are not needed
+ * afterwards.
  *
  * Returns the error of a result that has one, and BVHD_INVALID if it is no result of such an info.
  */

@@ -214,6 +214,70 @@ static void moving_results_are_held(void **state)
     structure_bed_stop(&bed);
 }
 
+/* Describes and builds a top level of motion instances, of which the last one is inactive. */
+static struct structure_build build_moving_top(VkAccelerationStructureMotionInstanceNV *records)
+{
+    const struct build_options options = {.quality = QUALITY_BALANCED, .target = TARGET_PORTABLE};
+    struct structure_build moving = bed.top;
+    memset(records, 0, MOTION_RECORD_STRIDE * STRUCTURE_INSTANCES);
+    for (int i = 0; i < STRUCTURE_INSTANCES; i++)
+        memcpy((char *)records + (ptrdiff_t)i * MOTION_RECORD_STRIDE + MOTION_RECORD_DATA, &bed.instances[i],
+               sizeof bed.instances[i] - (i == STRUCTURE_INSTANCES - 1 ? sizeof(uint64_t) : 0));
+    moving.geometry.geometry.instances.data.hostAddress = records;
+    moving.info.pGeometries = &moving.geometry;
+    moving.info.flags = VK_BUILD_ACCELERATION_STRUCTURE_MOTION_BIT_NV;
+    moving.result = structure_bed_result(&moving, &options);
+    return moving;
+}
+
+static enum bvhd_status clone(const struct bvhd_structure *from, const struct bvhd_structure *to)
+{
+    const VkCopyAccelerationStructureInfoKHR info = {.sType = VK_STRUCTURE_TYPE_COPY_ACCELERATION_STRUCTURE_INFO_KHR,
+                                                     .src = bvhd_structure_handle(from),
+                                                     .dst = bvhd_structure_handle(to),
+                                                     .mode = VK_COPY_ACCELERATION_STRUCTURE_MODE_CLONE_KHR};
+    return bvhd_structure_copy(&info, &bed.error);
+}
+
+static enum bvhd_status deserialize(const struct bvhd_result *result, const struct bvhd_structure *to)
+{
+    const VkCopyMemoryToAccelerationStructureInfoKHR info = {
+        .sType = VK_STRUCTURE_TYPE_COPY_MEMORY_TO_ACCELERATION_STRUCTURE_INFO_KHR,
+        .src.hostAddress = result->data,
+        .dst = bvhd_structure_handle(to),
+        .mode = VK_COPY_ACCELERATION_STRUCTURE_MODE_DESERIALIZE_KHR};
+    return bvhd_structure_deserialize(&info, result->size, NULL, &bed.error);
+}
+
+/* A top level that moves has at most maxInstances, inactive ones counted, whichever way it comes into its object. */
+static void motion_instances_are_limited(void **state)
+{
+    (void)state;
+    VkAccelerationStructureMotionInstanceNV records[STRUCTURE_INSTANCES + 1];
+    structure_bed_start(&bed, 0, TARGET_PORTABLE);
+    const struct structure_build moving = build_moving_top(records);
+    VkAccelerationStructureBuildGeometryInfoKHR info = moving.info;
+    info.pGeometries = &moving.geometry;
+    struct bvhd_structure *exact = create_moving(VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR, STRUCTURE_INSTANCES,
+                                                 STRUCTURE_ROOM),
+                          *generic = create_moving(VK_ACCELERATION_STRUCTURE_TYPE_GENERIC_KHR, STRUCTURE_INSTANCES,
+                                                   STRUCTURE_ROOM),
+                          *less = create_moving(VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR, STRUCTURE_INSTANCES - 1,
+                                                STRUCTURE_ROOM);
+    assert_int_equal(bvhd_structure_hold(exact, &info, &moving.range, &moving.result, &bed.error), BVHD_OK);
+    structure_bed_refused(&bed, "hold", bvhd_structure_hold(less, &info, &moving.range, &moving.result, &bed.error), "",
+                          "info.dstAccelerationStructure");
+    assert_int_equal(clone(exact, generic), BVHD_OK);
+    structure_bed_refused(&bed, "clone", clone(exact, less), "", "info.dst");
+    assert_int_equal(deserialize(&moving.result, exact), BVHD_OK);
+    structure_bed_refused(&bed, "deserialize", deserialize(&moving.result, less), "", "info.dst");
+    bvhd_structure_destroy(exact);
+    bvhd_structure_destroy(generic);
+    bvhd_structure_destroy(less);
+    bvhd_blob_unref(moving.result.blob);
+    structure_bed_stop(&bed);
+}
+
 static VkDeviceSize compacted_size(void)
 {
     const VkAccelerationStructureKHR handle = bvhd_structure_handle(bed.holds_bottom);
@@ -268,6 +332,7 @@ static void updates_of_compacted_structures_need_their_size(void **state)
     assert_int_equal(hold(&info, compacted, compacted), BVHD_OK);
     structure_bed_refused(&bed, "a byte less", hold(&info, compacted, objects[2]), rule, where);
     structure_bed_refused(&bed, "not compacted", hold(&info, bed.holds_bottom, objects[1]), rule, where);
+    structure_bed_refused(&bed, "not said", hold(&info, NULL, objects[1]), rule, where);
     copy(compacted, bed.spare, VK_COPY_ACCELERATION_STRUCTURE_MODE_CLONE_KHR);
     assert_int_equal(hold(&info, bed.spare, objects[1]), BVHD_OK);
     info.mode = VK_BUILD_ACCELERATION_STRUCTURE_MODE_BUILD_KHR;
@@ -297,6 +362,7 @@ int main(void)
         cmocka_unit_test(results_are_held_by_their_rules),
         cmocka_unit_test(motion_is_held_by_its_rules),
         cmocka_unit_test(moving_results_are_held),
+        cmocka_unit_test(motion_instances_are_limited),
         cmocka_unit_test(updates_of_compacted_structures_need_their_size),
         cmocka_unit_test(errors_of_results_are_passed_on),
     };
