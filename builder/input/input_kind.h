@@ -24,6 +24,7 @@ struct classification_counts;
 struct fetch;
 struct form_geometry;
 struct reach;
+struct vec4_box;
 
 struct input_kind {
     uint32_t version; /* of a canonical copy with such geometries (canonical.h) */
@@ -78,6 +79,11 @@ struct input_kind {
      */
     struct classification (*look_at_keys)(const struct canonical *canonical, const struct canonical_geometry *geometry,
                                           uint32_t index, struct box ret_boxes[2]);
+    /*
+     * Grows two boxes by those of a primitive that has a ref, at t = 0 and at t = 1. NULL: look_at_keys, or look, finds
+     * them.
+     */
+    void (*grow_keys)(const struct canonical_geometry *geometry, uint32_t index, struct vec4_box *boxes);
     /* Makes the refs of primitives [first, end), counts those that get none, and returns the number of refs. */
     uint32_t (*collect)(const struct canonical *canonical, const struct canonical_geometry *geometry, uint32_t first,
                         uint32_t end, struct classification_counts *counts, struct primitive_ref *refs);

@@ -3,6 +3,7 @@
 #include "builder/input/classification.h"
 #include "builder/input/reach.h"
 #include "builder/input/triangles.h"
+#include "builder/input/triangles_refs.h"
 #include "builder/input/validate.h"
 #include "builder/input/vertex_format.h"
 #include "proto/base/place.h"
@@ -122,7 +123,7 @@ static struct classification look(const struct canonical *canonical, const struc
 static uint32_t collect(const struct canonical *canonical, const struct canonical_geometry *geometry, uint32_t first,
                         uint32_t end, struct classification_counts *counts, struct primitive_ref *refs)
 {
-    return classification_collect(look, canonical, geometry, first, end, counts, refs);
+    return triangles_refs_collect_moving(look, canonical, geometry, first, end, counts, refs);
 }
 
 /* The place of a vertex at any time is between its places at both ends. */
@@ -146,6 +147,7 @@ const struct input_kind input_moving_triangles = {
     .check_foreign = triangles_check_foreign,
     .look = look,
     .look_at_keys = look_at_keys,
+    .grow_keys = triangles_refs_grow_keys,
     .collect = collect,
     .outline = outline,
 };

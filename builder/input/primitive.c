@@ -27,6 +27,32 @@ void primitive_key_boxes(const struct canonical *canonical, const struct canonic
         ret_boxes[0] = ret_boxes[1] = box_empty();
 }
 
+static void grow_slowly(const struct primitive_finder *finder, uint32_t index, struct vec4_box *boxes)
+{
+    struct box own[2];
+    primitive_key_boxes(finder->canonical, finder->geometry, index, own);
+    for (int key = 0; key < 2; key++) {
+        const struct vec4_box box = vec4_box_from(&own[key]);
+        vec4_box_grow(&boxes[key], box.min, box.max);
+    }
+}
+
+void primitive_grow_keys(struct primitive_finder *finder, const uint32_t *ids, uint32_t count, struct vec4_box *boxes)
+{
+    for (uint32_t i = 0; i < count; i++) {
+        const struct canonical *canonical = finder->canonical;
+        if (!finder->geometry || ids[i] - finder->geometry->first_primitive >= finder->geometry->primitive_count) {
+            finder->geometry = &canonical->geometries[canonical_geometry_of(canonical, ids[i])];
+            finder->kind = input_kind_of(finder->geometry->type);
+        }
+        const uint32_t index = ids[i] - finder->geometry->first_primitive;
+        if (finder->kind->grow_keys)
+            finder->kind->grow_keys(finder->geometry, index, boxes);
+        else
+            grow_slowly(finder, index, boxes);
+    }
+}
+
 /* The totals of one block. */
 struct block_totals {
     uint32_t count, primitives;

@@ -28,7 +28,9 @@
 #include "builder/context.h"
 #include "builder/kernel/primitive_ref.h"
 
+struct input_kind;
 struct leaves_options;
+struct vec4_box;
 
 /*
  * Returns the number of primitives in a block, of a structure with that many in all. Each task makes the refs of one
@@ -64,6 +66,19 @@ struct box primitive_box(const struct canonical *canonical, const struct canonic
  */
 void primitive_key_boxes(const struct canonical *canonical, const struct canonical_geometry *geometry, uint32_t index,
                          struct box ret_boxes[2]);
+
+/* Where primitive_grow_keys found its last primitive; the others are zero before the first call. */
+struct primitive_finder {
+    const struct canonical *canonical;
+    const struct canonical_geometry *geometry;
+    const struct input_kind *kind;
+};
+
+/*
+ * Grows boxes at t = 0 and at t = 1 by those of primitive_key_boxes, of `count` primitives with these flat ids, which
+ * have refs. The sign of zeros may differ.
+ */
+void primitive_grow_keys(struct primitive_finder *finder, const uint32_t *ids, uint32_t count, struct vec4_box *boxes);
 
 /*
  * Makes the refs of all primitives. On success the caller frees ret_refs->refs and ret_refs->blocks from

@@ -298,6 +298,7 @@ const struct input_kind input_triangles = {
     .fetch_vertices = fetch_vertices,
     .check_foreign = triangles_check_foreign,
     .look = triangles_refs_look,
+    .grow_keys = triangles_refs_grow_keys,
     .collect = triangles_refs_collect,
     .outline = outline,
 };

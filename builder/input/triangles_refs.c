@@ -1,8 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "builder/input/triangles_refs.h"
 
-#include "builder/kernel/vec4.h"
-
 static bool has_no_area(const float corners[3][3])
 {
     double a[3], b[3];
@@ -35,38 +33,88 @@ struct classification triangles_refs_look(const struct canonical *canonical, con
 }
 
 /*
- * Recognises the usual triangle quickly: it is finite, and one component of the cross product of its edges exceeds the
- * rounding error of floats by so much that it is not zero in double either. All other triangles are classified by
- * triangles_refs_look. The box is the same as there, except for the sign of zeros.
+ * Looks at a triangle, or at one end of one that moves, to recognise the usual triangle quickly: it is finite, and one
+ * component of the cross product of its edges exceeds the rounding error of floats by so much that it is not zero in
+ * double either. All other triangles are classified by triangles_refs_look. The box is the same as there, except for
+ * the sign of zeros.
  */
-static inline bool plain_triangle(const float *a, const float *b, const float *c, struct vec4_box *ret_box)
+struct look {
+    bool is_finite, has_area;
+    struct vec4_box box;
+};
+
+static inline struct look look_at(const float *a, const float *b, const float *c)
 {
     vec4 p = vec4_load3(a), q = vec4_load3(b), r = vec4_load3(c);
     vec4 u = q - p, v = r - p;
     vec4 left = u * vec4_rotate(v), right = vec4_rotate(u) * v;
     vec4 cross = vec4_abs(left - right);
     vec4 bound = vec4_max((vec4_abs(left) + vec4_abs(right)) * 1e-6f, vec4_all(1e-30f));
-    *ret_box = (struct vec4_box){vec4_min(r, vec4_min(q, p)), vec4_max(r, vec4_max(q, p))};
-    unsigned finite = vec4_bits((u + v) * 0.0f == vec4_all(0));
-    return finite == 15 && (vec4_bits(cross > bound) & 7);
+    return (struct look){
+        .is_finite = vec4_bits((u + v) * 0.0f == vec4_all(0)) == 15,
+        .has_area = (vec4_bits(cross > bound) & 7) != 0,
+        .box = {vec4_min(r, vec4_min(q, p)), vec4_max(r, vec4_max(q, p))},
+    };
+}
+
+/* The places of a triangle's corners in the array of positions. */
+struct corners {
+    uint64_t a, b, c;
+};
+
+static inline struct corners corners_of(const struct canonical_geometry *geometry, uint32_t index)
+{
+    const uint64_t at = (uint64_t)3 * index;
+    const uint32_t *v = geometry->indices ? geometry->indices + at : NULL;
+    if (!v)
+        return (struct corners){3 * at, 3 * at + 3, 3 * at + 6};
+    return (struct corners){(uint64_t)3 * v[0], (uint64_t)3 * v[1], (uint64_t)3 * v[2]};
+}
+
+static inline struct look look_at_key(const struct canonical_geometry *geometry, struct corners corners, int key)
+{
+    const float *positions = canonical_positions(geometry, key);
+    return look_at(positions + corners.a, positions + corners.b, positions + corners.c);
 }
 
 static bool fast_ref(const struct canonical_geometry *geometry, uint32_t index, struct primitive_ref *ref)
 {
-    uint64_t at = (uint64_t)3 * index;
-    const float *p = geometry->positions;
-    const uint32_t *v = geometry->indices ? geometry->indices + at : NULL;
-    uint64_t a = v ? v[0] : at, b = v ? v[1] : at + 1, c = v ? v[2] : at + 2;
-    struct vec4_box box;
-    if (!plain_triangle(p + 3 * a, p + 3 * b, p + 3 * c, &box))
+    const struct look look = look_at_key(geometry, corners_of(geometry, index), 0);
+    if (!(look.is_finite && look.has_area))
         return false;
+    vec4_box_store(ref, look.box);
+    return true;
+}
+
+/* What has an area at one end moves neither two corners together nor all onto one line along an axis at both. */
+static bool fast_moving_ref(const struct canonical_geometry *geometry, uint32_t index, struct primitive_ref *ref)
+{
+    const struct corners corners = corners_of(geometry, index);
+    const struct look start = look_at_key(geometry, corners, 0), end = look_at_key(geometry, corners, 1);
+    struct vec4_box box = start.box;
+    if (!(start.is_finite && end.is_finite && (start.has_area || end.has_area)))
+        return false;
+    vec4_box_grow(&box, end.box.min, end.box.max);
     vec4_box_store(ref, box);
     return true;
 }
 
+void triangles_refs_grow_keys(const struct canonical_geometry *geometry, uint32_t index, struct vec4_box *boxes)
+{
+    const vec4 most = vec4_all(FLT_MAX), least = vec4_all(-FLT_MAX);
+    const struct corners corners = corners_of(geometry, index);
+    for (int key = 0; key < 2; key++) {
+        const float *positions = canonical_positions(geometry, key);
+        const vec4 p = vec4_load3(positions + corners.a), q = vec4_load3(positions + corners.b),
+                   r = vec4_load3(positions + corners.c);
+        const vec4 min = vec4_min(r, vec4_min(q, p)), max = vec4_max(r, vec4_max(q, p));
+        vec4_box_grow(&boxes[key], vec4_max(vec4_min(min, most), least), vec4_max(vec4_min(max, most), least));
+    }
+}
+
 /*
  * Makes refs of consecutive usual triangles of one geometry, from `first` on, two at a time, with the same results as
- * plain_triangle. Returns how many were made before the first unusual one.
+ * fast_ref. Returns how many were made before the first unusual one.
  */
 #if defined(__x86_64__)
 #include <immintrin.h>
@@ -83,7 +131,11 @@ AVX2 static inline __m256 rotate_two(__m256 v)
     return _mm256_permute_ps(v, _MM_SHUFFLE(3, 0, 2, 1));
 }
 
-AVX2 static inline bool two_plain_triangles(__m256 p, __m256 q, __m256 r)
+/*
+ * Returns bits 0 .. 2 for the components of the first one's cross product that are large enough, and 4 .. 6 for the
+ * second one's; none if one of both is not finite.
+ */
+AVX2 static inline int areas_of_two(__m256 p, __m256 q, __m256 r)
 {
     const __m256 sign = _mm256_set1_ps(-0.0f), zero = _mm256_setzero_ps();
     __m256 u = _mm256_sub_ps(q, p), v = _mm256_sub_ps(r, p);
@@ -93,7 +145,7 @@ AVX2 static inline bool two_plain_triangles(__m256 p, __m256 q, __m256 r)
     __m256 bound = _mm256_max_ps(_mm256_mul_ps(sum, _mm256_set1_ps(1e-6f)), _mm256_set1_ps(1e-30f));
     int finite = _mm256_movemask_ps(_mm256_cmp_ps(_mm256_mul_ps(_mm256_add_ps(u, v), zero), zero, _CMP_EQ_OQ));
     int above = _mm256_movemask_ps(_mm256_cmp_ps(cross, bound, _CMP_GT_OQ));
-    return finite == 0xff && (above & 0x07) && (above & 0x70);
+    return finite == 0xff ? above : 0;
 }
 
 AVX2 static uint32_t collect_pairs_avx2(const struct canonical_geometry *geometry, uint32_t first, uint32_t count,
@@ -109,7 +161,8 @@ AVX2 static uint32_t collect_pairs_avx2(const struct canonical_geometry *geometr
         __m256 p = load_two(positions + corners[0], positions + corners[3]);
         __m256 q = load_two(positions + corners[1], positions + corners[4]);
         __m256 r = load_two(positions + corners[2], positions + corners[5]);
-        if (!two_plain_triangles(p, q, r))
+        const int areas = areas_of_two(p, q, r);
+        if (!(areas & 0x07) || !(areas & 0x70))
             break;
         int id = (int)(geometry->first_primitive + first + made);
         __m256 ids = _mm256_castsi256_ps(_mm256_setr_epi32(0, 0, 0, id, 0, 0, 0, id + 1));
@@ -121,10 +174,38 @@ AVX2 static uint32_t collect_pairs_avx2(const struct canonical_geometry *geometr
     return made;
 }
 
+/* The same for motion triangles, one at a time: both halves of a register are its two ends. */
+AVX2 static uint32_t collect_ends_avx2(const struct canonical_geometry *geometry, uint32_t first, uint32_t count,
+                                       struct primitive_ref *refs)
+{
+    const float *start = geometry->positions, *end = canonical_positions(geometry, 1);
+    uint32_t made = 0;
+    for (; made < count; made++) {
+        const struct corners at = corners_of(geometry, first + made);
+        __m256 p = load_two(start + at.a, end + at.a), q = load_two(start + at.b, end + at.b),
+               r = load_two(start + at.c, end + at.c);
+        if (!(areas_of_two(p, q, r) & 0x77))
+            break;
+        __m256 min = _mm256_min_ps(r, _mm256_min_ps(q, p)), max = _mm256_max_ps(r, _mm256_max_ps(q, p));
+        __m128 least = _mm_min_ps(_mm256_extractf128_ps(min, 1), _mm256_castps256_ps128(min)),
+               greatest = _mm_max_ps(_mm256_extractf128_ps(max, 1), _mm256_castps256_ps128(max));
+        __m128i id = _mm_set1_epi32((int)(geometry->first_primitive + first + made));
+        _mm_storeu_ps(refs[made].min, least); /* its fourth lane is zero, which is the ref's link */
+        _mm_storeu_ps(refs[made].max, _mm_blend_ps(greatest, _mm_castsi128_ps(id), 8));
+    }
+    return made;
+}
+
 static uint32_t collect_pairs(const struct canonical_geometry *geometry, uint32_t first, uint32_t count,
                               struct primitive_ref *refs)
 {
     return __builtin_cpu_supports("avx2") ? collect_pairs_avx2(geometry, first, count, refs) : 0;
+}
+
+static uint32_t collect_ends(const struct canonical_geometry *geometry, uint32_t first, uint32_t count,
+                             struct primitive_ref *refs)
+{
+    return __builtin_cpu_supports("avx2") ? collect_ends_avx2(geometry, first, count, refs) : 0;
 }
 
 #else
@@ -136,19 +217,29 @@ static uint32_t collect_pairs(const struct canonical_geometry *geometry, uint32_
     return 0;
 }
 
+static uint32_t collect_ends(const struct canonical_geometry *geometry, uint32_t first, uint32_t count,
+                             struct primitive_ref *refs)
+{
+    (void)geometry, (void)first, (void)count, (void)refs;
+    return 0;
+}
+
 #endif
 
-/* Makes the ref of one primitive, and counts it. Returns whether it is kept. */
-static bool collect_one(const struct canonical *canonical, const struct canonical_geometry *geometry, uint32_t index,
-                        struct classification_counts *counts, struct primitive_ref *ref)
+/* Counts a primitive that is not usual, and makes its ref if it is kept. Returns whether it is. */
+static bool collect_unusual(classification_look look, const struct canonical *canonical,
+                            const struct canonical_geometry *geometry, uint32_t index,
+                            struct classification_counts *counts, struct primitive_ref *ref)
 {
-    uint32_t id = geometry->first_primitive + index;
-    if (!fast_ref(geometry, index, ref)) {
-        struct classification finding = triangles_refs_look(canonical, geometry, index);
-        return classification_keep(&finding, id, counts, ref);
-    }
+    struct classification finding = look(canonical, geometry, index);
+    return classification_keep(&finding, geometry->first_primitive + index, counts, ref);
+}
+
+/* Numbers the ref of a usual primitive. */
+static bool number(const struct canonical_geometry *geometry, uint32_t index, struct primitive_ref *ref)
+{
     ref->link = 0;
-    ref->id = id;
+    ref->id = geometry->first_primitive + index;
     return true;
 }
 
@@ -161,8 +252,31 @@ uint32_t triangles_refs_collect(const struct canonical *canonical, const struct 
         uint32_t made = collect_pairs(geometry, first, end - first, refs + kept);
         kept += made;
         first += made;
-        if (first < end)
-            kept += collect_one(canonical, geometry, first++, counts, &refs[kept]);
+        if (first == end)
+            break;
+        kept += fast_ref(geometry, first, &refs[kept])
+                    ? number(geometry, first, &refs[kept])
+                    : collect_unusual(triangles_refs_look, canonical, geometry, first, counts, &refs[kept]);
+        first++;
+    }
+    return kept;
+}
+
+uint32_t triangles_refs_collect_moving(classification_look look, const struct canonical *canonical,
+                                       const struct canonical_geometry *geometry, uint32_t first, uint32_t end,
+                                       struct classification_counts *counts, struct primitive_ref *refs)
+{
+    uint32_t kept = 0;
+    while (first < end) {
+        uint32_t made = collect_ends(geometry, first, end - first, refs + kept);
+        kept += made;
+        first += made;
+        if (first == end)
+            break;
+        kept += fast_moving_ref(geometry, first, &refs[kept])
+                    ? number(geometry, first, &refs[kept])
+                    : collect_unusual(look, canonical, geometry, first, counts, &refs[kept]);
+        first++;
     }
     return kept;
 }

@@ -1,9 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* triangles_refs.h - the refs of triangles: two functions of `input_triangles` (input_kind.h). */
+/* triangles_refs.h - the refs of triangles and motion triangles: functions of their kinds (input_kind.h). */
 #ifndef BVHD_TRIANGLES_REFS_H
 #define BVHD_TRIANGLES_REFS_H
 
 #include "builder/input/classification.h"
+#include "builder/kernel/vec4.h"
 
 struct classification triangles_refs_look(const struct canonical *canonical, const struct canonical_geometry *geometry,
                                           uint32_t index);
@@ -12,5 +13,13 @@ struct classification triangles_refs_look(const struct canonical *canonical, con
 uint32_t triangles_refs_collect(const struct canonical *canonical, const struct canonical_geometry *geometry,
                                 uint32_t first, uint32_t end, struct classification_counts *counts,
                                 struct primitive_ref *refs);
+
+/* The same for motion triangles, whose `look` decides about those that are not usual. */
+uint32_t triangles_refs_collect_moving(classification_look look, const struct canonical *canonical,
+                                       const struct canonical_geometry *geometry, uint32_t first, uint32_t end,
+                                       struct classification_counts *counts, struct primitive_ref *refs);
+
+/* The function grow_keys of both kinds. */
+void triangles_refs_grow_keys(const struct canonical_geometry *geometry, uint32_t index, struct vec4_box *boxes);
 
 #endif

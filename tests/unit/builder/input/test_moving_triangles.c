@@ -7,7 +7,9 @@
 #include "builder/input/canonical_form.h"
 #include "builder/input/outline.h"
 #include "builder/input/primitive.h"
+#include "builder/kernel/vec4.h"
 #include "tests/support/builder/prepare_bed.h"
+#include "tests/support/random.h"
 
 /* Returns the canonical copy of the same triangles that stand still where those of one key are. */
 static struct canonical make_still(const struct test_input *test, int key)
@@ -179,6 +181,20 @@ static struct canonical *set(struct moving *moving, uint32_t flags)
     return &moving->canonical;
 }
 
+/* The boxes that primitive_grow_keys adds are those that primitive_key_boxes finds. */
+static void check_keys(const struct canonical *canonical, uint32_t id)
+{
+    struct primitive_finder finder = {.canonical = canonical};
+    struct vec4_box grown[2] = {vec4_box_empty(), vec4_box_empty()};
+    struct box boxes[2];
+    primitive_key_boxes(canonical, canonical->geometries, id, boxes);
+    primitive_grow_keys(&finder, &id, 1, grown);
+    for (int key = 0; key < 2; key++) {
+        const struct box own = vec4_box_get(grown[key]);
+        assert_true(box_contains(&own, &boxes[key]) && box_contains(&boxes[key], &own));
+    }
+}
+
 /* Checks how the triangle is counted, without and with ALLOW_UPDATE, which keeps all that are active. */
 static void check(struct moving *moving, bool active, bool degenerate, bool kept)
 {
@@ -205,7 +221,8 @@ static void check(struct moving *moving, bool active, bool degenerate, bool kept
         }
         if (has_ref) {
             struct box own = primitive_ref_box(refs.refs);
-            assert_memory_equal(&own, &both, sizeof own);
+            assert_true(box_contains(&own, &both) && box_contains(&both, &own));
+            check_keys(canonical, 0);
         }
         memory_free(&bed_memory, refs.refs);
         memory_free(&bed_memory, refs.blocks);
@@ -243,6 +260,63 @@ static void triangles_are_classified(void **state)
     check(&moving, true, false, true);
 }
 
+enum { MANY = 3000 };
+
+/* Corners at one end; one in eight is where another one is, one in thirty is no number, or infinite. */
+static void fill(float (*corners)[3], struct random *random)
+{
+    for (uint32_t i = 0; i < 3 * MANY; i++)
+        for (int axis = 0; axis < 3; axis++)
+            corners[i][axis] = (float)random_between(random, -1, 1);
+    for (uint32_t i = 0; i < 3 * MANY; i++) {
+        if (random_between(random, 0, 1) < 0.125)
+            memcpy(corners[i], corners[i - i % 3], sizeof *corners);
+        if (random_between(random, 0, 1) < 1.0 / 30)
+            corners[i][random_next(random) % 3] = random_between(random, 0, 1) < 0.5 ? NAN : INFINITY;
+    }
+}
+
+/* The refs of many triangles, made by the quick ways, are those that a look at each one gives. */
+static void quick_refs_are_those_of_single_looks(void **state)
+{
+    (void)state;
+    static float keys[2][3 * MANY][3];
+    static uint32_t indices[3 * MANY];
+    struct random random = {5};
+    for (int key = 0; key < 2; key++)
+        fill(keys[key], &random);
+    for (uint32_t i = 0; i < 3 * MANY; i++) /* neighbours share corners at both ends, but not all of them */
+        indices[i] = random_between(&random, 0, 1) < 0.05 ? i - i % 3 : i;
+    for (unsigned variant = 0; variant < 4; variant++) {
+        struct moving moving = plain;
+        struct primitive_refs refs;
+        struct canonical *canonical = set(&moving, variant & 1 ? BUILD_ALLOW_UPDATE : 0);
+        moving.geometry.primitive_count = canonical->primitive_count = MANY;
+        moving.geometry.vertex_count = canonical->vertex_count = 3 * MANY;
+        moving.geometry.positions = keys[0][0];
+        moving.geometry.end_positions = keys[1][0];
+        moving.geometry.indices = variant & 2 ? indices : NULL;
+        assert_int_equal(primitive_collect_blocks(canonical, NULL, &bed_context, &refs, NULL), BVHD_OK);
+        assert_true(primitive_close_gaps(&refs, &bed_context));
+        uint32_t next = 0;
+        for (uint32_t id = 0; id < MANY; id++) {
+            const struct box both = primitive_box(canonical, canonical->geometries, id);
+            if (box_is_empty(&both))
+                continue;
+            assert_true(next < refs.count);
+            const struct box own = primitive_ref_box(&refs.refs[next]);
+            assert_int_equal(refs.refs[next].id, id);
+            assert_int_equal(refs.refs[next++].link, 0);
+            assert_true(box_contains(&own, &both) && box_contains(&both, &own));
+            check_keys(canonical, id);
+        }
+        assert_int_equal(next, refs.count);
+        assert_true(next > MANY / 3 && next < MANY && refs.inactive > 0);
+        memory_free(&bed_memory, refs.refs);
+    }
+    assert_int_equal(bed_memory.live, 0);
+}
+
 /* Boxes of keys are exact, and slabs hold the corners of both. */
 static void boxes_and_slabs_hold_both_keys(void **state)
 {
@@ -270,6 +344,7 @@ int main(void)
         cmocka_unit_test(null_end_vertices),
         cmocka_unit_test(blocks_are_opened),
         cmocka_unit_test(triangles_are_classified),
+        cmocka_unit_test(quick_refs_are_those_of_single_looks),
         cmocka_unit_test(boxes_and_slabs_hold_both_keys),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
