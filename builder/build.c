@@ -14,7 +14,6 @@
 #include "builder/top/pieces.h"
 #include "builder/input/primitive.h"
 #include "builder/rescale.h"
-#include "builder/restore.h"
 #include "proto/base/kind.h"
 #include "builder/top/scatter.h"
 #include "builder/piece/spatial.h"
@@ -271,6 +270,12 @@ static uint64_t progress_total(const struct primitive_refs *refs)
     return refs->count > refs->primitives ? refs->count : refs->primitives;
 }
 
+/* Returns whether the tree is built over boxes that are not those of its primitives. */
+static bool must_restore(const struct construction *construction)
+{
+    return construction->rescaled || construction->moves;
+}
+
 static struct pieces_request pieces_wanted(const struct construction *construction)
 {
     const struct build_context *context = construction->context;
@@ -283,6 +288,7 @@ static struct pieces_request pieces_wanted(const struct construction *constructi
         .leaf_max = leaf_max(construction),
         .cut_cost = runs_for(construction).cut_cost,
         .canonical = construction->canonical,
+        .must_restore = must_restore(construction),
         .price = construction->price,
         .cancel = context->cancel,
         .progress = construction->is_second ? NULL : context->progress,
@@ -336,12 +342,6 @@ static struct collapse_options collapse_wanted(const struct construction *constr
                                      construction->context->cancel, construction->quality == QUALITY_FAST};
 }
 
-/* Returns whether the tree is built over boxes that are not those of its primitives. */
-static bool must_restore(const struct construction *construction)
-{
-    return construction->rescaled || construction->moves;
-}
-
 /*
  * Pieces are collapsed one by one, while each is in the cache, unless the binary tree is needed or changed before. The
  * roots of pieces then are wide nodes, whether that suits the levels above or not: this saves a tenth of the build time
@@ -349,22 +349,18 @@ static bool must_restore(const struct construction *construction)
  */
 static bool collapses_at_once(const struct construction *construction)
 {
-    return construction->method == PIECES_PLOC && !construction->needs_binary && !must_restore(construction) &&
+    return construction->method == PIECES_PLOC && !construction->needs_binary && !construction->rescaled &&
            !construction->layout->inflate_boxes && construction->layout->arity != 2 &&
            construction->tree.piece_count > 1;
 }
 
-/* Gives the joined tree the boxes of its primitives if it has others, and computes its cost. */
-static enum bvhd_status finish_boxes(struct construction *construction, double cost)
+/* Returns the SAH cost of the joined tree from that of its nodes. */
+static double sah_of(const struct ir *ir, double cost)
 {
-    struct ir *ir = &construction->ir;
-    const double root = box_half_area(&ir->boxes[0][0]);
-    construction->stats.sah = root > 0 ? cost / root : 0;
-    if (!must_restore(construction))
-        return BVHD_OK;
-    enum bvhd_status status = restore_boxes(construction->canonical, construction->context, ir, construction->error);
-    construction->stats.sah = status == BVHD_OK ? ir_sah(ir) : 0;
-    return status;
+    double root = 0;
+    for (uint32_t key = 0; key < ir->key_count; key++)
+        root += box_half_area(&ir->boxes[key][0]);
+    return root > 0 ? cost / root : 0;
 }
 
 static enum bvhd_status build_pieces(struct construction *construction)
@@ -389,8 +385,8 @@ static enum bvhd_status build_pieces(struct construction *construction)
     if (status != BVHD_OK)
         return status;
     free_split(construction);
-    status = finish_boxes(construction, cost);
-    return status == BVHD_OK ? stage_end(construction, &stats->ms.join) : status;
+    stats->sah = sah_of(&construction->ir, cost);
+    return stage_end(construction, &stats->ms.join);
 }
 
 static enum bvhd_status limit_depth(struct construction *construction, uint32_t limit)

@@ -2,7 +2,7 @@
 /*
  * rescale.h - scales scenes of extreme magnitude to a moderate one by a power of two, because builders square
  * coordinates, and squares of very large or very small ones leave float's range. After the build the tree gets the
- * exact boxes of its primitives back (restore.h).
+ * exact boxes of its primitives back (top/restore.h).
  */
 #ifndef BVHD_RESCALE_H
 #define BVHD_RESCALE_H

@@ -10,6 +10,7 @@
 #include "builder/piece/ploc.h"
 #include "builder/piece/reinsertion.h"
 #include "builder/piece/spatial.h"
+#include "builder/top/restore.h"
 
 struct piece {
     uint32_t node; /* number of the piece's node in the split tree */
@@ -127,7 +128,8 @@ static enum bvhd_status measure(const struct build *build, struct piece *piece)
     bool fits =
         (uint64_t)piece->ir.node_count * sizeof *levels <= (uint64_t)piece->count * sizeof(struct primitive_ref);
     piece->depth = fits ? ir_levels(&piece->ir, levels) : ir_depth(&piece->ir, build->memory);
-    piece->cost = ir_cost(&piece->ir, 0, piece->ir.node_count);
+    if (!build->request->must_restore)
+        piece->cost = ir_cost(&piece->ir, 0, piece->ir.node_count);
     return piece->depth == IR_DEPTH_UNKNOWN ? BVHD_NO_MEMORY : BVHD_OK;
 }
 
@@ -175,6 +177,8 @@ static void run_piece(void *context, size_t index)
     piece->status = parallel_cancelled(request->cancel) ? BVHD_CANCELLED : build_piece(build, piece);
     if (piece->status == BVHD_OK && request->method != PIECES_PLOC && request->method != PIECES_BINNED)
         piece->status = measure(build, piece);
+    if (piece->status == BVHD_OK && request->must_restore)
+        piece->status = restore_boxes(request->canonical, request->cancel, &piece->ir, &piece->cost);
     const bool made = piece->status == BVHD_OK;
     uint64_t done = atomic_fetch_add_explicit(&build->done, piece->count, memory_order_relaxed) + piece->count;
     if (made && request->collapse_at_once)
@@ -238,6 +242,7 @@ static enum bvhd_status build_all(const struct pieces_request *request, struct m
 {
     struct pieces pieces = {.count = request->tree->piece_count,
                             .tree = request->tree,
+                            .key_count = request->must_restore && canonical_moves(request->canonical) ? 2 : 1,
                             .collapse_at_once = request->collapse_at_once,
                             .cancel = request->cancel,
                             .memory = memory};
@@ -305,8 +310,11 @@ static void copy_piece(void *context, size_t index)
         node.first += node.count ? piece->ref_base : piece->node_base - 1;
         to->nodes[i ? piece->node_base + i - 1 : piece->node] = node;
     }
-    to->boxes[0][piece->node] = from->boxes[0][0];
-    memcpy(to->boxes[0] + piece->node_base, from->boxes[0] + 1, (from->node_count - 1) * sizeof *to->boxes[0]);
+    for (uint32_t key = 0; key < to->key_count; key++) {
+        to->boxes[key][piece->node] = from->boxes[key][0];
+        memcpy(to->boxes[key] + piece->node_base, from->boxes[key] + 1,
+               (from->node_count - 1) * sizeof *to->boxes[key]);
+    }
     memcpy(to->refs + piece->ref_base, from->refs, from->ref_count * sizeof *to->refs);
 }
 
@@ -320,10 +328,12 @@ static void make_top(const struct split_tree *tree, struct ir *ir)
         uint32_t child = tree->nodes[i].child;
         if (child == 0)
             continue;
-        struct box box = ir->boxes[0][child];
-        box_grow(&box, &ir->boxes[0][child + 1]);
         ir->nodes[i] = (struct ir_node){.first = child};
-        ir->boxes[0][i] = box;
+        for (uint32_t key = 0; key < ir->key_count; key++) {
+            struct box box = ir->boxes[key][child];
+            box_grow(&box, &ir->boxes[key][child + 1]);
+            ir->boxes[key][i] = box;
+        }
     }
 }
 
@@ -337,7 +347,8 @@ static void sum_up(const struct pieces *pieces, const struct ir *ir, uint32_t *l
     for (uint32_t i = 0; i < tree->node_count; i++)
         if (tree->nodes[i].child) {
             levels[tree->nodes[i].child] = levels[tree->nodes[i].child + 1] = levels[i] + 1;
-            cost += box_half_area(&ir->boxes[0][i]);
+            for (uint32_t key = 0; key < ir->key_count; key++)
+                cost += box_half_area(&ir->boxes[key][i]);
         }
     for (uint32_t i = 0; i < pieces->count; i++) {
         const struct piece *piece = &pieces->pieces[i];
@@ -364,15 +375,28 @@ static void place_pieces(const struct pieces *pieces, uint64_t *ret_nodes, uint6
     *ret_refs = refs;
 }
 
-/* Does what ir_init does, with nodes and boxes in the spare blocks if they fit. */
-static enum bvhd_status make_room(struct ir *ir, struct pieces_spare *spare, struct memory *memory, uint32_t nodes,
-                                  uint32_t refs, struct bvhd_error *error)
+/* Gives a tree of one key, which has room for `nodes` nodes, the boxes of a second one. Ends the tree on failure. */
+static enum bvhd_status add_key(struct ir *ir, uint32_t nodes, struct bvhd_error *error)
+{
+    ir->boxes[1] = memory_array(ir->memory, nodes, sizeof *ir->boxes[1]);
+    if (!ir->boxes[1]) {
+        ir_finish(ir);
+        return bvhd_error_no_memory(error, "", "no memory for the boxes of %u nodes at t = 1", nodes);
+    }
+    ir->key_count = 2;
+    return BVHD_OK;
+}
+
+/* Does what ir_init does for trees of any number of keys, with nodes and boxes in the spare blocks if they fit. */
+static enum bvhd_status make_room(struct ir *ir, uint32_t key_count, struct pieces_spare *spare, struct memory *memory,
+                                  uint32_t nodes, uint32_t refs, struct bvhd_error *error)
 {
     uint64_t room = (uint64_t)spare->count * sizeof *spare->refs;
-    if ((uint64_t)nodes * sizeof *ir->boxes[0] > room)
-        return ir_init(ir, memory, nodes, refs, error);
-    enum bvhd_status status = ir_init(ir, memory, 0, refs, error);
-    if (status != BVHD_OK)
+    const bool fits = (uint64_t)nodes * sizeof *ir->boxes[0] <= room;
+    enum bvhd_status status = ir_init(ir, memory, fits ? 0 : nodes, refs, error);
+    if (status == BVHD_OK && key_count > 1)
+        status = add_key(ir, nodes, error);
+    if (status != BVHD_OK || !fits)
         return status;
     ir->nodes = (struct ir_node *)(void *)spare->refs;
     ir->boxes[0] = (struct box *)(void *)spare->scratch;
@@ -391,7 +415,8 @@ enum bvhd_status pieces_join(const struct pieces *pieces, struct pieces_spare *s
     uint32_t *levels = memory_array(pieces->memory, pieces->tree->node_count, sizeof *levels);
     if (!levels)
         return bvhd_error_no_memory(error, "", "no memory to join a tree");
-    enum bvhd_status status = make_room(&join.ir, spare, pieces->memory, (uint32_t)nodes, (uint32_t)refs, error);
+    enum bvhd_status status =
+        make_room(&join.ir, pieces->key_count, spare, pieces->memory, (uint32_t)nodes, (uint32_t)refs, error);
     if (status == BVHD_OK) {
         join.ir.node_count = (uint32_t)nodes;
         join.ir.ref_count = (uint32_t)refs;
@@ -418,7 +443,8 @@ static void fill_top(const struct pieces *pieces, const struct wide_piece **list
         list[i] = &piece->wide;
         top->refs[i] = i;
         top->nodes[piece->node] = (struct ir_node){i, 1};
-        top->boxes[0][piece->node] = piece->wide.bounds;
+        for (uint32_t key = 0; key < top->key_count; key++)
+            top->boxes[key][piece->node] = piece->wide.bounds[key];
     }
     make_top(pieces->tree, top);
 }
@@ -429,6 +455,8 @@ enum bvhd_status pieces_join_wide(const struct pieces *pieces, const struct para
 {
     struct ir top;
     enum bvhd_status status = ir_init(&top, pieces->memory, pieces->tree->node_count, pieces->count, error);
+    if (status == BVHD_OK && pieces->key_count > 1)
+        status = add_key(&top, pieces->tree->node_count, error);
     if (status != BVHD_OK)
         return status;
     const struct wide_piece **list = memory_array(pieces->memory, pieces->count, sizeof *list);

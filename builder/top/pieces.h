@@ -31,7 +31,9 @@ struct pieces_request {
     enum pieces_method method;
     uint32_t leaf_max;
     float cut_cost; /* cost of a cut between two leaves (leaves.h); used by PIECES_PLOC and PIECES_BINNED */
-    const struct canonical *canonical; /* used by PIECES_SPATIAL and PIECES_EMBREE_HIGH only (spatial.h, embree.h) */
+    /* used by PIECES_SPATIAL and PIECES_EMBREE_HIGH (spatial.h, embree.h), and with must_restore */
+    const struct canonical *canonical;
+    bool must_restore; /* refs do not have the boxes of their primitives: each tree gets them (restore.h) */
     float price; /* used by PIECES_SPATIAL only (spatial.h) */
     /* NULL; or pieces are collapsed into wide trees at once, for pieces_join_wide; only with PIECES_PLOC */
     const struct collapse_options *collapse_at_once;
@@ -46,6 +48,7 @@ struct pieces {
     struct piece *pieces; /* in the order of their refs */
     uint32_t count;
     const struct split_tree *tree;
+    uint32_t key_count; /* of all trees */
     const struct collapse_options *collapse_at_once; /* from the request, like `cancel` */
     const atomic_bool *cancel;
     struct memory *memory;
@@ -69,9 +72,9 @@ struct pieces_spare {
 };
 
 /*
- * Joins the pieces into one tree, and returns its depth and its SAH cost (ir_cost, not divided by the root's area). The
- * tree lies in the spare blocks if they are large enough, because new pages cost more time than copying. The caller
- * ends *ret_ir with ir_finish. Returns BVHD_NO_MEMORY, BVHD_TOO_LARGE, or BVHD_CANCELLED.
+ * Joins the pieces into one tree, and returns its depth and its SAH cost (ir_cost, not divided by the root's area). It
+ * has the keys of the pieces. The tree lies in the spare blocks if they are large enough, because new pages cost more
+ * time than copying. The caller ends *ret_ir with ir_finish. Returns BVHD_NO_MEMORY, BVHD_TOO_LARGE, or BVHD_CANCELLED.
  */
 enum bvhd_status pieces_join(const struct pieces *pieces, struct pieces_spare *spare, const struct parallel *parallel,
                              struct ir *ret_ir, uint32_t *ret_depth, double *ret_cost, struct bvhd_error *error);

@@ -30,12 +30,15 @@ static uint32_t mask_of(bool condition)
  */
 static void list_boxes(const struct ir *ir, struct wide_piece *piece)
 {
+    struct box *second = piece->key_count > 1 ? piece->boxes[1] : NULL;
     uint32_t count = 0;
     for (uint32_t i = 0; i < piece->wide.node_count; i++)
         for (unsigned slot = 0; slot < WIDE_ARITY; slot++) {
             struct wide_child *child = &piece->wide.nodes[i].slots[slot];
             bool occupied = (child->node | child->ref_count) != 0;
-            piece->boxes[count] = ir->boxes[0][child->node];
+            piece->boxes[0][count] = ir->boxes[0][child->node];
+            if (second)
+                second[count] = ir->boxes[1][child->node];
             count += occupied;
             child->node = count & mask_of(occupied);
         }
@@ -46,15 +49,15 @@ enum bvhd_status wide_piece_make(struct ir *ir, const struct collapse_options *o
                                  struct wide_piece *ret_piece)
 {
     struct wide_piece piece = {
-        .bounds = ir->boxes[0][0], .refs = ir->refs, .ref_count = ir->ref_count, .memory = memory};
+        .key_count = ir->key_count, .refs = ir->refs, .ref_count = ir->ref_count, .memory = memory};
     enum bvhd_status status = collapse(ir, options, memory, &parallel_serial, &piece.wide, NULL);
-    if (status == BVHD_OK) {
-        piece.boxes = memory_array(memory, (uint64_t)ir->node_count + 1, sizeof *piece.boxes);
-        if (piece.boxes)
-            list_boxes(ir, &piece);
-        else
-            status = BVHD_NO_MEMORY;
+    for (uint32_t key = 0; key < ir->key_count && status == BVHD_OK; key++) {
+        piece.bounds[key] = ir->boxes[key][0];
+        piece.boxes[key] = memory_array(memory, (uint64_t)ir->node_count + 1, sizeof *piece.boxes[key]);
+        status = piece.boxes[key] ? BVHD_OK : BVHD_NO_MEMORY;
     }
+    if (status == BVHD_OK)
+        list_boxes(ir, &piece);
     ir->refs = NULL;
     ir_finish(ir);
     if (status == BVHD_OK)
@@ -69,7 +72,8 @@ void wide_piece_finish(struct wide_piece *piece)
     if (!piece || !piece->memory)
         return;
     wide_finish(&piece->wide);
-    memory_free(piece->memory, piece->boxes);
+    for (int key = 0; key < IR_MAX_KEYS; key++)
+        memory_free(piece->memory, piece->boxes[key]);
     memory_free(piece->memory, piece->refs);
     memset(piece, 0, sizeof *piece);
 }
@@ -114,7 +118,8 @@ static uint32_t place_node(struct joining *j, uint32_t source, uint32_t at)
         enum wide_kind kind = wide_kind(child);
         if (kind == WIDE_EMPTY)
             continue;
-        j->ir.boxes[0][j->next_box] = top->boxes[0][child->node];
+        for (uint32_t key = 0; key < top->key_count; key++)
+            j->ir.boxes[key][j->next_box] = top->boxes[key][child->node];
         node.slots[slot].node = j->next_box++;
         if (kind == WIDE_LEAF)
             place_root(j, top->refs[child->first_ref], j->next_node);
@@ -179,7 +184,8 @@ static void copy_piece(void *context, size_t index)
     copy_node(position, &nodes[0], position->root_leaf, &j->wide.nodes[position->root]);
     for (uint32_t i = 1; i < piece->wide.node_count; i++)
         copy_node(position, &nodes[i], nodes[i].first_leaf + leaf, &j->wide.nodes[position->nodes + i - 1]);
-    memcpy(j->ir.boxes[0] + position->boxes + 1, piece->boxes, piece->box_count * sizeof *piece->boxes);
+    for (uint32_t key = 0; key < piece->key_count; key++)
+        memcpy(j->ir.boxes[key] + position->boxes + 1, piece->boxes[key], piece->box_count * sizeof *piece->boxes[key]);
     memcpy(j->ir.refs + position->refs, piece->refs, piece->ref_count * sizeof *piece->refs);
 }
 
@@ -196,12 +202,16 @@ static enum bvhd_status make_room(struct joining *j)
         return BVHD_TOO_LARGE;
     j->positions = memory_array(request->memory, request->piece_count, sizeof *j->positions);
     j->wide.nodes = memory_array(request->memory, nodes, sizeof *j->wide.nodes);
-    j->ir.boxes[0] = memory_array(request->memory, boxes, sizeof *j->ir.boxes[0]);
+    bool has_boxes = true;
+    for (uint32_t key = 0; key < j->ir.key_count; key++) {
+        j->ir.boxes[key] = memory_array(request->memory, boxes, sizeof *j->ir.boxes[key]);
+        has_boxes &= j->ir.boxes[key] != NULL;
+    }
     j->ir.refs = memory_array(request->memory, refs, sizeof *j->ir.refs);
     j->wide.node_count = (uint32_t)nodes;
     j->ir.node_count = (uint32_t)boxes;
     j->wide.leaf_refs = j->ir.ref_count = (uint32_t)refs;
-    return j->positions && j->wide.nodes && j->ir.boxes[0] && j->ir.refs ? BVHD_OK : BVHD_NO_MEMORY;
+    return j->positions && j->wide.nodes && has_boxes && j->ir.refs ? BVHD_OK : BVHD_NO_MEMORY;
 }
 
 static enum bvhd_status join(struct joining *j)
@@ -215,7 +225,8 @@ static enum bvhd_status join(struct joining *j)
         status = make_room(j);
     if (status != BVHD_OK)
         return status;
-    j->ir.boxes[0][0] = request->top->boxes[0][0];
+    for (uint32_t key = 0; key < j->ir.key_count; key++)
+        j->ir.boxes[key][0] = request->top->boxes[key][0];
     j->next_node = j->next_box = 1;
     j->wide.nodes[0].first_leaf = 0;
     j->wide.depth = place_node(j, 0, 0);
@@ -227,8 +238,9 @@ static enum bvhd_status join(struct joining *j)
 enum bvhd_status wide_pieces_join(const struct wide_join *request, struct ir *ret_ir, struct wide *ret_wide,
                                   struct bvhd_error *error)
 {
-    struct joining j = {
-        .request = request, .ir = {.key_count = 1, .memory = request->memory}, .wide = {.memory = request->memory}};
+    struct joining j = {.request = request,
+                        .ir = {.key_count = request->top->key_count, .memory = request->memory},
+                        .wide = {.memory = request->memory}};
     enum bvhd_status status = join(&j);
     wide_finish(&j.top);
     memory_free(request->memory, j.positions);

@@ -4,7 +4,8 @@
  * trees below a wide tree of the pieces.
  *
  * Beside the wide tree, a layout reads boxes and refs of the binary tree. A joined tree therefore has an ir with only
- * these: it has no nodes; its boxes are the root's, followed by those of the slots in the order in which they are read.
+ * these: it has no nodes; its boxes, of each key, are the root's, followed by those of the slots in the order in which
+ * they are read.
  */
 #ifndef BVHD_WIDE_PIECES_H
 #define BVHD_WIDE_PIECES_H
@@ -14,8 +15,9 @@
 /* The wide tree of a piece. Slots name boxes by numbers that start at 1, and refs by their places in the piece. */
 struct wide_piece {
     struct wide wide;
-    struct box bounds;
-    struct box *boxes; /* number 1 is boxes[0] */
+    uint32_t key_count; /* of the tree */
+    struct box bounds[IR_MAX_KEYS];
+    struct box *boxes[IR_MAX_KEYS]; /* number 1 is boxes[key][0] */
     uint32_t box_count;
     uint32_t *refs;
     uint32_t ref_count;
@@ -34,7 +36,8 @@ enum bvhd_status wide_piece_make(struct ir *ir, const struct collapse_options *o
 void wide_piece_finish(struct wide_piece *piece);
 
 struct wide_join {
-    const struct ir *top; /* at least three nodes; each leaf has one ref, which is the number of a piece */
+    /* at least three nodes, and the keys of all pieces; each leaf has one ref, which is the number of a piece */
+    const struct ir *top;
     const struct wide_piece *const *pieces;
     uint32_t piece_count;
     const struct collapse_options *options;

@@ -20,7 +20,31 @@ struct world {
     struct wide_piece pieces[PIECES];
     const struct wide_piece *list[PIECES];
     uint32_t firsts[PIECES + 1];
+    bool moves; /* trees have a second key, whose boxes are those of the first one elsewhere */
 };
+
+static struct box box_elsewhere(const struct box *box)
+{
+    struct box other = *box;
+    for (int axis = 0; axis < 3; axis++) {
+        other.min[axis] += 100;
+        other.max[axis] += 100;
+    }
+    return other;
+}
+
+static enum bvhd_status add_key(const struct world *w, struct ir *ir)
+{
+    if (!w->moves)
+        return BVHD_OK;
+    ir->boxes[1] = memory_array(ir->memory, ir->node_count, sizeof *ir->boxes[1]);
+    if (!ir->boxes[1])
+        return BVHD_NO_MEMORY;
+    for (uint32_t i = 0; i < ir->node_count; i++)
+        ir->boxes[1][i] = box_elsewhere(&ir->boxes[0][i]);
+    ir->key_count = 2;
+    return BVHD_OK;
+}
 
 /* Returns the size of a piece. Sizes differ: the first piece has one primitive, the second four. */
 static uint32_t size_of(uint32_t piece)
@@ -61,10 +85,14 @@ static enum bvhd_status make(struct world *w, struct memory *memory, const struc
     for (uint32_t i = 0; i < PIECES && status == BVHD_OK; i++) {
         status = test_ir_make(w->model.boxes + w->firsts[i], size_of(i), 3, memory, &w->irs[i]);
         if (status == BVHD_OK)
+            status = add_key(w, &w->irs[i]);
+        if (status == BVHD_OK)
             status = wide_piece_make(&w->irs[i], &options, memory, &w->pieces[i]);
     }
     if (status == BVHD_OK)
         status = test_ir_make(w->bounds, PIECES, 1, memory, &w->top);
+    if (status == BVHD_OK)
+        status = add_key(w, &w->top);
     return status == BVHD_OK ? wide_pieces_join(&request, ret_ir, ret_wide, error) : status;
 }
 
@@ -128,6 +156,13 @@ static void check(const struct world *w, const struct ir *ir, const struct wide 
     assert_int_equal(seen.next, wide->node_count);
     for (uint32_t i = 0; i < ir->ref_count; i++)
         assert_int_equal(seen.refs[i], 1);
+    assert_int_equal(ir->key_count, w->moves ? 2 : 1);
+    for (uint32_t i = 0; w->moves && i < WIDE_ARITY * wide->node_count; i++) {
+        const struct wide_child *child = &wide->nodes[i / WIDE_ARITY].slots[i % WIDE_ARITY];
+        const uint32_t node = wide_kind(child) == WIDE_EMPTY ? 0 : child->node; /* the root has a box, too */
+        const struct box expected = box_elsewhere(&ir->boxes[0][node]);
+        assert_memory_equal(&ir->boxes[1][node], &expected, sizeof expected);
+    }
     for (uint32_t i = 0; i < wide->node_count; i++) {
         assert_int_equal(wide->nodes[i].first_leaf, refs);
         for (int slot = 0; slot < WIDE_ARITY; slot++)
@@ -143,13 +178,16 @@ static void pieces_become_one_tree(void **state)
     struct ir ir;
     struct wide wide;
     memory_init(&memory, UINT64_MAX);
-    world_init(&w);
-    assert_int_equal(make(&w, &memory, &parallel_serial, &ir, &wide, NULL), BVHD_OK);
-    check(&w, &ir, &wide);
-    ir_finish(&ir);
-    wide_finish(&wide);
-    world_finish(&w);
-    test_model_finish(&w.model);
+    for (int moves = 0; moves < 2; moves++) {
+        world_init(&w);
+        w.moves = moves;
+        assert_int_equal(make(&w, &memory, &parallel_serial, &ir, &wide, NULL), BVHD_OK);
+        check(&w, &ir, &wide);
+        ir_finish(&ir);
+        wide_finish(&wide);
+        world_finish(&w);
+        test_model_finish(&w.model);
+    }
     assert_int_equal(memory.live, 0);
 }
 
@@ -192,6 +230,7 @@ static void every_allocation_may_fail(void **state)
     struct world *w = malloc(sizeof *w);
     assert_non_null(w);
     world_init(w);
+    w->moves = true;
     int64_t n = 0;
     for (; status == BVHD_NO_MEMORY; n++) {
         struct memory memory;

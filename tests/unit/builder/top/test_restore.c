@@ -3,10 +3,8 @@
 #include "tests/support/unit.h"
 
 #include "builder/input/primitive.h"
-#include "builder/restore.h"
+#include "builder/top/restore.h"
 #include "tests/support/builder/test_ir.h"
-
-static const struct build_context serial = {.parallel = &parallel_serial};
 
 /* A tree with wrong boxes gets the boxes of its primitives, bit for bit as a tree made over them has. */
 static void boxes_come_back(void **state)
@@ -17,6 +15,7 @@ static void boxes_come_back(void **state)
     struct test_model model;
     struct memory memory;
     struct ir ir;
+    double cost;
     memory_init(&memory, UINT64_MAX);
     test_model_make(&shape, 4, &model);
     for (uint32_t id = 0; id < 12000; id++)
@@ -27,8 +26,9 @@ static void boxes_come_back(void **state)
     assert_non_null(before);
     memcpy(before, ir.boxes[0], size);
     memset(ir.boxes[0], 0, size);
-    assert_int_equal(restore_boxes(&model.canonical, &serial, &ir, NULL), BVHD_OK);
+    assert_int_equal(restore_boxes(&model.canonical, NULL, &ir, &cost), BVHD_OK);
     assert_memory_equal(ir.boxes[0], before, size);
+    assert_true(cost == ir_cost(&ir, 0, ir.node_count));
     free(before);
     ir_finish(&ir);
     test_model_finish(&model);
@@ -75,6 +75,7 @@ static void what_moves_gets_two_keys(void **state)
     for (size_t s = 0; s < sizeof moving / sizeof *moving; s++) {
         struct test_model model;
         struct ir ir;
+        double cost;
         make_moving(&moving[s], &model);
         const uint32_t count = model.canonical.primitive_count;
         struct box *keys = keys_of(&model.canonical);
@@ -83,8 +84,9 @@ static void what_moves_gets_two_keys(void **state)
             box_grow(&model.boxes[id], &keys[count + id]);
         }
         assert_int_equal(test_ir_make(model.boxes, count, 3, &memory, &ir), BVHD_OK);
-        assert_int_equal(restore_boxes(&model.canonical, &serial, &ir, NULL), BVHD_OK);
+        assert_int_equal(restore_boxes(&model.canonical, NULL, &ir, &cost), BVHD_OK);
         assert_int_equal(ir.key_count, 2);
+        assert_float_equal(cost, ir_cost(&ir, 0, ir.node_count), 1e-9 * cost);
         assert_int_equal(ir_check(&ir, count, keys, false, &memory, NULL), BVHD_OK);
         for (uint32_t node = 0; node < ir.node_count; node++)
             for (uint32_t key = 0; key < 2; key++) {
@@ -111,16 +113,15 @@ static void failures_are_reported(void **state)
     struct test_model model;
     struct ir ir;
     atomic_bool cancel = true;
-    struct build_context cancelled = serial;
-    cancelled.cancel = &cancel;
+    double cost;
     memory_init(&memory, UINT64_MAX);
     make_moving(&moving[0], &model);
     assert_int_equal(test_ir_make(model.boxes, model.canonical.primitive_count, 3, &memory, &ir), BVHD_OK);
     memory.limit = memory.live;
-    assert_int_equal(restore_boxes(&model.canonical, &serial, &ir, NULL), BVHD_NO_MEMORY);
+    assert_int_equal(restore_boxes(&model.canonical, NULL, &ir, &cost), BVHD_NO_MEMORY);
     assert_int_equal(ir.key_count, 1);
     memory.limit = UINT64_MAX;
-    assert_int_equal(restore_boxes(&model.canonical, &cancelled, &ir, NULL), BVHD_CANCELLED);
+    assert_int_equal(restore_boxes(&model.canonical, &cancel, &ir, &cost), BVHD_CANCELLED);
     ir_finish(&ir);
     test_model_finish(&model);
     assert_int_equal(memory.live, 0);
