@@ -3,14 +3,15 @@
  * bench_motion.c - measures meshes that move, beside the same meshes that stand still as they are at half time, and
  * beside Embree's motion blur.
  *
- *     bench_motion [--size N] [--turns N] [--high] [--one-time] MESH.ply...
+ *     bench_motion [--size N] [--turns N] [--fast | --high] [--one-time] [--builds] MESH.ply...
  *
  * Each vertex moves by a smooth field of up to 2 % of the mesh's size. It prints bytes a triangle, the rate of builds,
  * and rays a second: the primary rays of an N x N picture in tiles, and from their hits diffuse rays and shadow rays to
  * a light. Shadow rays end at any hit. Against the mesh that stands still all rays have the time 0.5, so that the hits
  * are the same; against Embree each has a time of its own, or 0.5 with --one-time. Rays are traced all in one call of
  * bvhd_cpu.h, or one by one with rtcIntersect1 and rtcOccluded1 in a robust scene. Subjects take turns; the figures are
- * medians over the turns, of rates and of their ratios within a turn, in processor time.
+ * medians over the turns, of rates and of their ratios within a turn, in processor time. With --builds only builds are
+ * measured.
  */
 #include <float.h>
 #include <math.h>
@@ -40,7 +41,7 @@ static const double motion_share = 0.02, motion_waves = 2;
 struct settings {
     uint32_t size, turns;
     enum build_quality quality;
-    bool is_one_time;
+    bool is_one_time, is_build_only;
 };
 
 /* A mesh, and its vertices at t = 0.5 and t = 1. */
@@ -423,11 +424,13 @@ static void run_scene(const char *path, const struct settings *settings, RTCDevi
     memory_init(&scene.memory, UINT64_MAX);
     printf("%s: %u triangles\n", path, scene.start->triangle_count);
     measure_builds(&scene, settings, totals);
-    for (int i = 0; i < 2; i++)
-        open_structure(&scene, (enum who)i);
-    build_embree(&scene, device);
-    measure_rays(&scene, settings, totals);
     totals->scenes++;
+    for (int i = 0; i < 2 && !settings->is_build_only; i++)
+        open_structure(&scene, (enum who)i);
+    if (!settings->is_build_only) {
+        build_embree(&scene, device);
+        measure_rays(&scene, settings, totals);
+    }
     finish_scene(&scene);
     fflush(stdout);
 }
@@ -440,7 +443,7 @@ static uint32_t read_number(const char *text, uint32_t least, uint32_t most)
 
 int main(int argc, char **argv)
 {
-    struct settings settings = {256, 15, QUALITY_BALANCED, false};
+    struct settings settings = {256, 15, QUALITY_BALANCED, false, false};
     struct totals totals = {.scenes = 0};
     RTCDevice device = rtcNewDevice("threads=1");
     if (!device)
@@ -452,12 +455,16 @@ int main(int argc, char **argv)
             settings.turns = read_number(argv[++i], 1, TURNS_MAX);
         else if (strcmp(argv[i], "--high") == 0)
             settings.quality = QUALITY_HIGH;
+        else if (strcmp(argv[i], "--fast") == 0)
+            settings.quality = QUALITY_FAST;
+        else if (strcmp(argv[i], "--builds") == 0)
+            settings.is_build_only = true;
         else if (strcmp(argv[i], "--one-time") == 0)
             settings.is_one_time = true;
         else
             run_scene(argv[i], &settings, device, &totals);
     }
-    for (enum kind kind = PRIMARY; totals.scenes > 0 && kind < KINDS; kind++)
+    for (enum kind kind = PRIMARY; totals.scenes > 0 && !settings.is_build_only && kind < KINDS; kind++)
         printf("%u scenes, %s: %.3f of still, %.3f of Embree\n", totals.scenes, kind_names[kind],
                exp(totals.still[kind] / totals.scenes), exp(totals.embree[kind] / totals.scenes));
     if (totals.scenes > 0)

@@ -3,22 +3,24 @@
  * determinism.c - tests that the same request gives the same bytes: with 1, 2 and 8 threads, with the tasks of a build
  * in the orders that 1 to 64 threads may give them, and written with other strides, offsets and index widths.
  *
- *     determinism [--kinds flat|round|all] [COUNT [SEED]]
- *     determinism --digest [--kinds flat|round|all] [COUNT [SEED]]
+ *     determinism [--kinds flat|round|motion|all] [COUNT [SEED]]
+ *     determinism --digest [--kinds flat|round|motion|all] [COUNT [SEED]]
  *
  * The requests are random ones, and generated meshes that are large enough to be cut into several pieces. They are of
- * triangles and boxes unless --kinds says that they are round, or of all kinds. The exit status is 1 if anything
- * differs. With --digest it prints only one digest over all keys and blobs, which can be compared between compilers and
- * machines.
+ * triangles and boxes unless --kinds says that they are round, that they move, or that they are of all kinds. The exit
+ * status is 1 if anything differs. With --digest it prints only one digest over all keys and blobs, which can be
+ * compared between compilers and machines.
  */
 #include <stdio.h>
 #include <stdlib.h>
 
 #include "builder/update/batch.h"
+#include "builder/update/update_kind.h"
 #include "builder/format/lavapipe.h"
 #include "tests/support/builder/random_kind.h"
 #include "tests/support/builder/random_top.h"
 #include "builder/workers.h"
+#include "proto/base/kind.h"
 
 enum { TEAMS = 3, GRID = 260 }; /* 135,200 triangles: at least three pieces */
 
@@ -103,12 +105,21 @@ static void choose_target(struct build_input *input, struct random *random)
         (struct device_format){.driver_uuid = "determinism", .variant = 1 + random_below(random, LAVAPIPE_VARIANTS)};
 }
 
+/* What moves is not built for updates while it cannot be updated. */
+static void choose_flags(struct build_input *input)
+{
+    for (uint32_t i = 0; input->geometries && i < input->geometry_count; i++)
+        if (kind_find(input->geometries[i].type)->moves && !update_kind_of(input->geometries[i].type))
+            input->flags &= ~(uint32_t)BUILD_ALLOW_UPDATE;
+}
+
 static void run_bottom(struct run *run, struct random *random)
 {
     struct random_input bottom;
     struct batch_item item;
     random_input_bottom_of(&bottom, random, 3000, run->kinds);
-    if (bottom.kind->shape == ORACLE_TRIANGLES)
+    choose_flags(&bottom.input);
+    if (bottom.kind->shape == ORACLE_TRIANGLES && !random_input_moves(&bottom))
         choose_target(&bottom.input, random);
     if (build_with_all(run, &bottom.input, "a random bottom level", &item))
         batch_finish(&item, 1, &run->memory);
@@ -120,7 +131,9 @@ static void run_top(struct run *run, struct random *random)
     struct random_top top;
     struct batch_item item;
     random_top_init_of(&top, random, 200, run->kinds);
+    choose_flags(&top.input);
     for (uint32_t i = 0; i < top.bottom_count; i++) {
+        choose_flags(&top.bottoms[i].input);
         if (!build_with_all(run, &top.bottoms[i].input, "a bottom level", &item))
             continue;
         top.references[i].key = item.key;
@@ -128,7 +141,8 @@ static void run_top(struct run *run, struct random *random)
         top.references[i].slabs = item.summary.slabs;
         batch_finish(&item, 1, &run->memory);
     }
-    choose_target(&top.input, random);
+    if (!top.moves)
+        choose_target(&top.input, random);
     if (build_with_all(run, &top.input, "a random top level", &item))
         batch_finish(&item, 1, &run->memory);
     random_top_finish(&top);
@@ -320,6 +334,48 @@ static void run_round(struct run *run)
     }
 }
 
+/* ---- meshes that move, of several pieces ---- */
+
+struct moving_mesh {
+    struct mesh start, end;
+    struct geometry geometry;
+};
+
+static struct moving_mesh make_moving(uint32_t side)
+{
+    struct moving_mesh moving = {make_mesh(side, side), make_mesh(side, side + 1), {0}};
+    moving.geometry = write_mesh(&moving.start, &writings[0]);
+    moving.geometry.type = GEOMETRY_MOVING_TRIANGLES;
+    struct geometry_triangles *triangles = &moving.geometry.triangles;
+    triangles->end_vertices.data = write_vertices(&moving.end, &writings[0], &triangles->end_vertices.size);
+    return moving;
+}
+
+static void free_moving(struct moving_mesh *moving)
+{
+    free((void *)(uintptr_t)moving->geometry.triangles.vertices.data);
+    free((void *)(uintptr_t)moving->geometry.triangles.end_vertices.data);
+    free((void *)(uintptr_t)moving->geometry.triangles.indices.data);
+    free_mesh(&moving->start);
+    free_mesh(&moving->end);
+}
+
+static void run_moving(struct run *run)
+{
+    struct moving_mesh moving = make_moving(GRID);
+    for (enum build_quality quality = QUALITY_FAST; quality <= QUALITY_HIGH; quality++) {
+        const struct build_input input = {.type = STRUCTURE_BOTTOM,
+                                          .flags = BUILD_MOTION,
+                                          .geometry_count = 1,
+                                          .geometries = &moving.geometry,
+                                          .options = {.quality = quality, .target = TARGET_PORTABLE}};
+        struct batch_item item;
+        if (build_with_all(run, &input, build_quality_name(quality), &item))
+            batch_finish(&item, 1, &run->memory);
+    }
+    free_moving(&moving);
+}
+
 /* ---- every number of threads ---- */
 
 enum { MOST_THREADS = 64, PIECES_GRID = 72 }; /* 10,368 triangles: several pieces in each quality */
@@ -357,14 +413,13 @@ static void run_numbers(struct run *run, const struct build_input *input, const 
     }
 }
 
-static void run_all_numbers(struct run *run)
+static void run_all_qualities(struct run *run, const struct geometry *geometry, uint32_t flags)
 {
-    struct mesh mesh = make_mesh(PIECES_GRID, PIECES_GRID);
-    struct geometry geometry = write_mesh(&mesh, &writings[0]);
     for (enum build_quality quality = QUALITY_FAST; quality <= QUALITY_HIGH; quality++) {
         const struct build_input input = {.type = STRUCTURE_BOTTOM,
+                                          .flags = flags,
                                           .geometry_count = 1,
-                                          .geometries = &geometry,
+                                          .geometries = geometry,
                                           .options = {.quality = quality, .target = TARGET_PORTABLE}};
         struct batch_item expected;
         if (!build_one(run, &input, 0, "a mesh of several pieces", &expected))
@@ -372,9 +427,23 @@ static void run_all_numbers(struct run *run)
         run_numbers(run, &input, &expected);
         batch_finish(&expected, 1, &run->memory);
     }
+}
+
+static void run_all_numbers(struct run *run)
+{
+    struct mesh mesh = make_mesh(PIECES_GRID, PIECES_GRID);
+    struct geometry geometry = write_mesh(&mesh, &writings[0]);
+    run_all_qualities(run, &geometry, 0);
     free((void *)(uintptr_t)geometry.triangles.vertices.data);
     free((void *)(uintptr_t)geometry.triangles.indices.data);
     free_mesh(&mesh);
+}
+
+static void run_all_numbers_moving(struct run *run)
+{
+    struct moving_mesh moving = make_moving(PIECES_GRID);
+    run_all_qualities(run, &moving.geometry, BUILD_MOTION);
+    free_moving(&moving);
 }
 
 /* ---- all cases ---- */
@@ -428,6 +497,10 @@ int main(int argc, char **argv)
         run_all_numbers(&run);
     if (kinds != RANDOM_FLAT)
         run_round(&run);
+    if (kinds == RANDOM_MOTION || kinds == RANDOM_ALL)
+        run_moving(&run);
+    if ((kinds == RANDOM_MOTION || kinds == RANDOM_ALL) && !digest_only)
+        run_all_numbers_moving(&run);
     run_finish(&run);
     if (digest_only)
         printf("%016llx\n", (unsigned long long)run.digest);
