@@ -14,9 +14,9 @@
 
 /*
  * Limits for the camera rays of a picture by the CPU that are compared with brute force: the number of rays, on a
- * square of CHECKED_SIDE rays a side, and of pairs of a ray and a triangle.
+ * square of CHECKED_SIDE rays a side, and of pairs of a ray and a triangle. They have few times.
  */
-enum { CHECKED_RAYS = 1024, CHECKED_SIDE = 32 };
+enum { CHECKED_RAYS = 1024, CHECKED_SIDE = 32, CHECKED_TIMES = 8 };
 static const double checked_pairs = 4e8;
 
 /* Samples at once. Devices need more, to keep many threads busy. */
@@ -25,7 +25,7 @@ enum { CPU_BATCH = 1 << 14, DEVICE_BATCH = 1 << 18 };
 /* How long brute force judges answers of a device that differ from the CPU's. */
 static const double judge_seconds = 30;
 
-enum { RAYS_A_PIXEL = 20 };
+enum { RAYS_A_SAMPLE = 5 };
 static const double affordable_tests = 2e10;
 
 /* The state of `bvhctl trace`. */
@@ -54,7 +54,8 @@ struct trace_command {
  */
 static enum bvhd_status check_cost(const struct trace_command *run, struct bvhd_error *error)
 {
-    double tests = stage_cost(&run->stage) * RAYS_A_PIXEL * run->options->width * run->options->height;
+    double samples = picture_samples(&run->stage, run->options->view.samples).all;
+    double tests = stage_cost(&run->stage) * RAYS_A_SAMPLE * samples * run->options->width * run->options->height;
     if (tests <= affordable_tests)
         return BVHD_OK;
     return bvhd_error_set(
@@ -102,6 +103,7 @@ static enum bvhd_status render(struct trace_command *run, const struct camera *c
                                       .width = run->options->width,
                                       .height = run->options->height,
                                       .exposure = *exposure,
+                                      .samples = run->options->view.samples,
                                       .batch = run->choice.is_cpu ? CPU_BATCH : DEVICE_BATCH,
                                       .watch = run->choice.is_cpu ? NULL : agreement_watch,
                                       .watch_context = &run->agreement,
@@ -158,15 +160,20 @@ static enum bvhd_status render_all(struct trace_command *run, struct bvhd_error 
                                    : render(run, &run->camera, run->options->output, &exposure, error);
 }
 
-/* Makes rays of the picture's camera that are spread over the picture. */
+/*
+ * Makes rays of the picture's camera. Those of one time follow each other, as brute force wants them, and are spread
+ * over the picture. Their number is a multiple of that of the times.
+ */
 static void make_checked_rays(const struct trace_command *run, uint32_t count, struct ray *rays)
 {
     double step = (double)CHECKED_RAYS / count;
     for (uint32_t i = 0; i < count; i++) {
-        uint32_t cell = (uint32_t)(i * step);
+        uint32_t of_each = count / CHECKED_TIMES, moment = i / of_each;
+        uint32_t cell = (uint32_t)((i % of_each * CHECKED_TIMES + moment) * step);
         struct vector direction = camera_direction(&run->camera, (cell % CHECKED_SIDE + 0.5) / CHECKED_SIDE,
                                                    (cell / CHECKED_SIDE + 0.5) / CHECKED_SIDE);
-        rays[i] = stage_ray(run->camera.origin, direction);
+        float time = stage_time(&run->stage, moment / (CHECKED_TIMES - 1.0));
+        rays[i] = stage_ray(run->camera.origin, direction, time);
     }
 }
 
@@ -175,6 +182,7 @@ static enum bvhd_status doubt_cpu(struct trace_command *run, struct bvhd_error *
     struct memory *memory = &run->local.memory;
     double affordable = checked_pairs / (double)(run->stage.primitive_count + 1);
     uint32_t count = affordable < 16 ? 16 : affordable > CHECKED_RAYS ? CHECKED_RAYS : (uint32_t)affordable;
+    count -= count % CHECKED_TIMES;
     struct ray *rays = memory_array(memory, CHECKED_RAYS, sizeof *rays);
     struct tracer_hit *hits = memory_array(memory, CHECKED_RAYS, sizeof *hits);
     enum bvhd_status status = BVHD_OK;
@@ -232,6 +240,13 @@ static void print_camera(const struct trace_command *run, struct json *json)
     json_object_end(json);
 }
 
+static void print_sampling(const struct trace_command *run, struct json *json)
+{
+    const float times[] = {run->stage.times.first, run->stage.times.last};
+    json_integer(json, "samples", picture_samples(&run->stage, run->options->view.samples).all);
+    json_floats(json, "times", times, 2);
+}
+
 static bool print_json(struct trace_command *run)
 {
     struct json json;
@@ -244,6 +259,7 @@ static bool print_json(struct trace_command *run)
     json_text(&json, "picture", run->options->output);
     json_integer(&json, "pictures", run->options->view.turn ? run->options->view.turn : 1);
     print_camera(run, &json);
+    print_sampling(run, &json);
     json_integer(&json, "rays", run->rays);
     json_number(&json, "mrays_s", mrays_s(run));
     json_number(&json, "wall_ms", run->wall_ms);
@@ -355,6 +371,12 @@ static char find_up(const struct trace_command *run)
     return run->options->up[0] == 'a' && is_gltf(run) ? 'y' : run->options->up[0];
 }
 
+static struct stage_times find_times(const struct trace_command *run)
+{
+    const struct view_options *view = &run->options->view;
+    return view->has_times ? (struct stage_times){view->times[0], view->times[1]} : (struct stage_times){0, 1};
+}
+
 static enum bvhd_status open_scene(struct trace_command *run, struct bvhd_error *error)
 {
     struct memory *memory = &run->local.memory;
@@ -367,7 +389,7 @@ static enum bvhd_status open_scene(struct trace_command *run, struct bvhd_error 
     if (status == BVHD_OK)
         status = open_appearance(run, error);
     if (status == BVHD_OK)
-        status = stage_init(&run->stage, &run->structures, find_up(run), memory, error);
+        status = stage_init(&run->stage, &run->structures, find_up(run), find_times(run), memory, error);
     if (status == BVHD_OK)
         status = check_cost(run, error);
     if (status == BVHD_OK)
@@ -382,9 +404,10 @@ static enum bvhd_status make_picture(struct trace_command *run, struct bvhd_erro
     progress_end(&run->local.progress);
     if (status != BVHD_OK)
         return status;
-    uint64_t pixels = (uint64_t)run->options->width * run->options->height;
-    pixels *= run->options->view.turn ? run->options->view.turn : 1;
-    agreement_init(&run->agreement, &run->surfaces, pixels, run->local.parallel, &run->local.memory);
+    uint64_t samples = (uint64_t)run->options->width * run->options->height;
+    samples *= picture_samples(&run->stage, run->options->view.samples).all;
+    samples *= run->options->view.turn ? run->options->view.turn : 1;
+    agreement_init(&run->agreement, &run->surfaces, samples, run->local.parallel, &run->local.memory);
     progress_begin(&run->local.progress, "choosing a view of", run->structures.name);
     status = choose_camera(run, error);
     progress_end(&run->local.progress);

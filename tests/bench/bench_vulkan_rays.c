@@ -32,7 +32,7 @@ static void task_primary(void *context, size_t index)
         double x = (tile % columns) * TILE_WIDTH + pixel % TILE_WIDTH + 0.5,
                y = (tile / columns) * TILE_HEIGHT + pixel / TILE_WIDTH + 0.5;
         making->rays->rays[RAYS_PRIMARY][i] =
-            stage_ray(making->camera.origin, camera_direction(&making->camera, x / side, y / side));
+            stage_ray(making->camera.origin, camera_direction(&making->camera, x / side, y / side), 0);
     }
 }
 
@@ -56,7 +56,7 @@ static void task_look(void *context, size_t index)
         const struct ray *ray = &making->rays->rays[RAYS_PRIMARY][i];
         struct vector origin = {ray->origin[0], ray->origin[1], ray->origin[2]};
         struct vector direction = {ray->direction[0], ray->direction[1], ray->direction[2]};
-        if (!stage_look(making->stage, origin, direction, &making->hits[i]))
+        if (!stage_look(making->stage, origin, direction, 0, &making->hits[i]))
             making->hits[i].distance = 0;
     }
 }
@@ -80,8 +80,10 @@ static void task_diffuse(void *context, size_t index)
         const struct stage_hit *hit = &making->hits[i % making->hit_count];
         struct vector away = random_direction(&random);
         struct ray *ray = &making->rays->rays[RAYS_DIFFUSE][i];
-        *ray = stage_ray(hit->position, (struct vector){hit->normal.x + 0.999 * away.x, hit->normal.y + 0.999 * away.y,
-                                                        hit->normal.z + 0.999 * away.z});
+        *ray = stage_ray(hit->position,
+                         (struct vector){hit->normal.x + 0.999 * away.x, hit->normal.y + 0.999 * away.y,
+                                         hit->normal.z + 0.999 * away.z},
+                         0);
         ray->tmin = (float)(1e-5 * making->stage->size);
     }
 }
@@ -94,7 +96,7 @@ static void make_random(struct making *making)
         struct vector local = {random_between(&random, stage->low.x, stage->high.x),
                                random_between(&random, stage->low.y, stage->high.y),
                                random_between(&random, stage->low.z, stage->high.z)};
-        making->rays->rays[RAYS_RANDOM][i] = stage_ray(stage_to_world(stage, local), random_direction(&random));
+        making->rays->rays[RAYS_RANDOM][i] = stage_ray(stage_to_world(stage, local), random_direction(&random), 0);
     }
 }
 
@@ -169,7 +171,7 @@ enum bvhd_status bench_rays_make(const struct bench_scene *scene, const struct b
     struct stage stage;
     struct bench_rays rays = {.memory = memory};
     struct making making = {.rays = &rays, .stage = &stage};
-    enum bvhd_status status = stage_init(&stage, &scene->given, 'a', memory, error);
+    enum bvhd_status status = stage_init(&stage, &scene->given, 'a', (struct stage_times){0, 1}, memory, error);
     if (status != BVHD_OK)
         return status;
     making.side = (uint32_t)sqrt((double)options->count + 0.5) / TILE_WIDTH * TILE_WIDTH;

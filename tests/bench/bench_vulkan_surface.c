@@ -163,7 +163,7 @@ static bool make_ray(const struct surface *surface, uint64_t triangle, float tmi
     bool is_beyond = a + b > 1; /* beyond the edge opposite to corner 0 */
     at = vector_mad(at, vector_sub(corners[1], corners[0]), is_beyond ? 1 - a : a);
     at = vector_mad(at, vector_sub(corners[2], corners[0]), is_beyond ? 1 - b : b);
-    *ret_ray = stage_ray(at, vector_add(vector_scale(normal, side / area), vector_scale(away, 0.999 / length)));
+    *ret_ray = stage_ray(at, vector_add(vector_scale(normal, side / area), vector_scale(away, 0.999 / length)), 0);
     ret_ray->tmin = tmin;
     return true;
 }

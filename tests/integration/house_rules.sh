@@ -70,8 +70,8 @@ client/bvhctl/base          proto/base
 client/bvhctl/oracle        proto/base builder/traverse/ray.h client/bvhctl/base
 client/bvhctl/service       proto/base builder builder/store builder/update client client/bvhctl/base
 client/bvhctl/gpu           proto/base builder/format client/vulkan client/bvhctl/base
-client/bvhctl/scene         proto/base builder/format builder/traverse/ray.h builder/input builder/update/decay.h
-                            client/bvhctl/base client/bvhctl/oracle client/bvhctl/service
+client/bvhctl/scene         proto/base builder/format builder/traverse/ray.h builder/traverse/motion.h builder/input
+                            builder/update/decay.h client/bvhctl/base client/bvhctl/oracle client/bvhctl/service
 client/bvhctl/trace         proto/base builder/format builder/traverse/ray.h client/bvhctl/base client/bvhctl/gpu
                             client/bvhctl/scene client/bvhctl/kernels
 client/bvhctl/picture       proto/base client/bvhctl/base client/bvhctl/oracle client/bvhctl/scene client/bvhctl/trace

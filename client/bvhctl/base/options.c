@@ -241,6 +241,10 @@ static enum bvhd_status apply_view(int value, const char *text, struct view_opti
         return options_view_look_at(text, view, error);
     case OPTION_FOV:
         return options_view_fov(text, view, error);
+    case OPTION_SAMPLES:
+        return options_view_samples(text, view, error);
+    case OPTION_TIMES:
+        return options_view_times(text, view, error);
     default:
         return options_view_turn(text, view, error);
     }
@@ -356,6 +360,8 @@ static enum bvhd_status apply(int value, const char *text, struct options *optio
     case OPTION_LOOK_AT:
     case OPTION_FOV:
     case OPTION_TURN:
+    case OPTION_SAMPLES:
+    case OPTION_TIMES:
         return apply_view(value, text, &options->view, error);
     default:
         return apply_text(value, text, options);

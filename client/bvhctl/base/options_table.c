@@ -74,6 +74,11 @@ const struct option_row option_rows[] = {
      "the vertical angle of view, 0.1 to 170 (default: 34, or 60 inside a room)"},
     {"turn", OPTION_TURN, "N", ON_TRACE,
      "N pictures from all around what the camera looks at, named PNG-0000.png and so on"},
+    {"samples", OPTION_SAMPLES, "N", ON_TRACE,
+     "samples of each pixel, 1 to 1024 (default 4, and 9 more on edges; where something moves 8 and 24)"},
+    {"times", OPTION_TIMES, "A:B", ON_TRACE,
+     "when rays meet what moves, from 0 (the start of its motion) to 1 (the end): each sample has a time from A to B, "
+     "so that it is blurred; A alone is one moment (default 0:1)"},
     {"all", OPTION_ALL, NULL, ON_CLIENTS,
      "fail unless the connections of all users may be seen, which needs root or the user whom the daemon runs as"},
     {"count", OPTION_COUNT, "N", ON_TOP, "look N times (default: until it is interrupted)"},

@@ -77,6 +77,8 @@ enum {
     OPTION_LOOK_AT,
     OPTION_FOV,
     OPTION_TURN,
+    OPTION_SAMPLES,
+    OPTION_TIMES,
     OPTION_VERSION,
 };
 

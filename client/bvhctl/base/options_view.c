@@ -7,6 +7,7 @@
 #include "proto/base/number.h"
 
 enum { MOST_FRAMES = 10000 }; /* their numbers have four digits */
+enum { MOST_SAMPLES = 1024 }; /* of a pixel */
 
 static const double least_fov = 0.1, most_fov = 170;
 /* of a coordinate of the camera: rays have floats, and the camera may be beyond everything that floats can name */
@@ -57,4 +58,31 @@ enum bvhd_status options_view_fov(const char *text, struct view_options *view, s
 enum bvhd_status options_view_turn(const char *text, struct view_options *view, struct bvhd_error *error)
 {
     return number_read32("--turn", text, (struct number_range){1, MOST_FRAMES, false}, &view->turn, error);
+}
+
+enum bvhd_status options_view_samples(const char *text, struct view_options *view, struct bvhd_error *error)
+{
+    return number_read32("--samples", text, (struct number_range){1, MOST_SAMPLES, false}, &view->samples, error);
+}
+
+enum bvhd_status options_view_times(const char *text, struct view_options *view, struct bvhd_error *error)
+{
+    char *end;
+    const float first = strtof(text, &end);
+    float last = first;
+    bool is_number = end != text;
+    if (is_number && *end == ':') {
+        const char *second = end + 1;
+        last = strtof(second, &end);
+        is_number = end != second;
+    }
+    if (!is_number || *end)
+        return bvhd_error_set(error, BVHD_INVALID, "--times", "not of the form A:B or A: '%.60s'", text);
+    if (!(first >= 0 && first <= last && last <= 1))
+        return bvhd_error_set(error, BVHD_INVALID, "--times", "they are in 0 .. 1, and B is not before A: '%.60s'",
+                              text);
+    view->times[0] = first;
+    view->times[1] = last;
+    view->has_times = true;
+    return BVHD_OK;
 }

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* options_view.h - parses the options of `bvhctl trace` about the camera. */
+/* options_view.h - parses the options of `bvhctl trace` about the camera and its shutter. */
 #ifndef BVHCTL_OPTIONS_VIEW_H
 #define BVHCTL_OPTIONS_VIEW_H
 
@@ -13,6 +13,9 @@ struct view_options {
     double eye[3], look_at[3]; /* finite */
     double fov; /* vertical angle of view in degrees; 0: not given */
     uint32_t turn; /* the number of pictures from all around; 0: one picture */
+    uint32_t samples; /* of each pixel; 0: not given */
+    bool has_times;
+    float times[2]; /* of rays: the first and the last, in 0 .. 1 */
 };
 
 /* Each takes the value of one option. BVHD_INVALID with the option in `where`. */
@@ -20,5 +23,7 @@ enum bvhd_status options_view_eye(const char *text, struct view_options *view, s
 enum bvhd_status options_view_look_at(const char *text, struct view_options *view, struct bvhd_error *error);
 enum bvhd_status options_view_fov(const char *text, struct view_options *view, struct bvhd_error *error);
 enum bvhd_status options_view_turn(const char *text, struct view_options *view, struct bvhd_error *error);
+enum bvhd_status options_view_samples(const char *text, struct view_options *view, struct bvhd_error *error);
+enum bvhd_status options_view_times(const char *text, struct view_options *view, struct bvhd_error *error);
 
 #endif

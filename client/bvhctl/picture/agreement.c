@@ -2,6 +2,7 @@
 #include "client/bvhctl/picture/agreement.h"
 
 #include <float.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "client/bvhctl/oracle/oracle_timed.h"
@@ -10,7 +11,7 @@
 #include "client/bvhctl/scene/unpack.h"
 #include "proto/base/clock.h"
 
-enum { CAMERA_RAYS = 1 << 22, OTHER_RAYS = 1 << 20, RAYS_A_PIXEL = 20, CAMERA_RAYS_A_PIXEL = 4 };
+enum { CAMERA_RAYS = 1 << 22, OTHER_RAYS = 1 << 20, OTHER_RAYS_A_SAMPLE = 5 };
 enum { FIRST_CASES = 1 << 8, MOST_DISPUTES = 1 << 12, MOST_DOUBTS = 1 << 16, CHUNK = 256, AROUND = 9, BATCH = 4096 };
 
 static const double roundings = 8;
@@ -36,13 +37,13 @@ static uint32_t stride(double rays, double limit)
     return rays > limit ? (uint32_t)ceil(rays / limit) : 1;
 }
 
-void agreement_init(struct agreement *agreement, const struct surfaces *surfaces, uint64_t pixels,
+void agreement_init(struct agreement *agreement, const struct surfaces *surfaces, uint64_t samples,
                     const struct parallel *parallel, struct memory *memory)
 {
     *agreement = (struct agreement){.surfaces = surfaces,
                                     .parallel = parallel,
-                                    .camera_stride = stride((double)pixels * CAMERA_RAYS_A_PIXEL, CAMERA_RAYS),
-                                    .other_stride = stride((double)pixels * RAYS_A_PIXEL, OTHER_RAYS),
+                                    .camera_stride = stride((double)samples, CAMERA_RAYS),
+                                    .other_stride = stride((double)samples * OTHER_RAYS_A_SAMPLE, OTHER_RAYS),
                                     .memory = memory};
 }
 
@@ -445,6 +446,19 @@ static enum bvhd_status ask(struct agreement *agreement, struct questions *quest
     return BVHD_OK;
 }
 
+static int compare_times(const void *a, const void *b)
+{
+    float x = ((const struct agreement_case *)a)->ray.time, y = ((const struct agreement_case *)b)->ray.time;
+    return (x > y) - (x < y);
+}
+
+/* Puts cases of one time next to each other, as the oracle wants them. */
+static void sort_by_time(struct agreement_sample *sample)
+{
+    if (sample->count)
+        qsort(sample->cases, sample->count, sizeof *sample->cases, compare_times);
+}
+
 /* Judges the disputes and then the other cases, and with the time that is left those that stay open. */
 static enum bvhd_status judge(struct agreement *agreement, struct questions *questions, double seconds,
                               struct bvhd_error *error)
@@ -454,6 +468,8 @@ static enum bvhd_status judge(struct agreement *agreement, struct questions *que
     enum bvhd_status status = BVHD_OK;
     uint32_t open_count = 0;
     for (int i = 0; i < 2 && status == BVHD_OK; i++) {
+        if (isinf(seconds)) /* all are judged, so that their order need not be random */
+            sort_by_time(samples[i]);
         questions->deadline = start + seconds * 1000 * FIRST_SHARE;
         if (samples[i]->count)
             status = ask(agreement, questions, samples[i]->cases, samples[i]->count, &open_count, error);

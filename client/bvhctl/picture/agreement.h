@@ -52,11 +52,10 @@ struct agreement {
 };
 
 /*
- * Prepares the comparison for a picture of `pixels` pixels. About 4 million camera rays, spread over the picture, are
- * compared (all of them if there are fewer than a million pixels), and about a million of the other rays. End with
- * agreement_finish.
+ * Prepares the comparison for pictures of `samples` camera rays. About 4 million of these, spread over the pictures,
+ * are compared (all of them if there are fewer), and about a million of the other rays. End with agreement_finish.
  */
-void agreement_init(struct agreement *agreement, const struct surfaces *surfaces, uint64_t pixels,
+void agreement_init(struct agreement *agreement, const struct surfaces *surfaces, uint64_t samples,
                     const struct parallel *parallel, struct memory *memory);
 /* NULL-safe, idempotent. */
 void agreement_finish(struct agreement *agreement);

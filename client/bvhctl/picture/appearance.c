@@ -35,7 +35,7 @@ static uint32_t take_corners(const struct structure *structure, uint32_t row, fl
             memcpy(ret_corners[end], round.ends[end], sizeof ret_corners[end]);
         return round.primitive;
     }
-    structure_triangle(structure, row, ret_corners, &flat);
+    structure_triangle(structure, row, 0, ret_corners, &flat);
     return flat;
 }
 
@@ -85,7 +85,7 @@ static bool same_instances(const struct import *import, const struct structures 
             return false;
         const struct import_instance *other = &import->instances[instance.instance];
         for (int i = 0; i < 12; i++)
-            if (other->transform[i] != instance.object_to_world[i])
+            if (other->transform[i] != instance.start[i])
                 return false;
         if (!same_bottom(import, other->bottom, &structures->files[instance.bottom].structure))
             return false;

@@ -132,7 +132,7 @@ static void look_around(const struct stage *stage, struct vector stand, struct o
     for (int k = 0; k < OPENNESS_RAYS; k++) {
         double height = 2 * (k + 0.5) / OPENNESS_RAYS - 1, azimuth = 2 * pi * 0.618034 * k;
         struct stage_hit hit;
-        if (!stage_look(stage, stand, view_towards(stage, azimuth, asin(height)), &hit))
+        if (!stage_look(stage, stand, view_towards(stage, azimuth, asin(height)), stage_time(stage, 0.5), &hit))
             continue;
         seen[hits++] = hit.position;
         backs += hit.is_back;
@@ -173,7 +173,7 @@ static bool shows_inside(const struct stage *stage, const struct camera *camera,
     uint32_t seen = 0;
     for (uint32_t i = 0; i < openness->points; i++) {
         bool is_back = true;
-        seen += probe_sees(stage, camera, openness->seen[i], &is_back) && !is_back;
+        seen += probe_sees(stage, camera, openness->seen[i], stage_time(stage, 0.5), &is_back) && !is_back;
     }
     return 5 * seen > 2 * openness->points;
 }

@@ -11,6 +11,12 @@ static bool is_in_bulk(const struct stage *stage, struct vector point)
            at.y <= stage->high.y + rounding && at.z >= stage->low.z - rounding && at.z <= stage->high.z + rounding;
 }
 
+/* Returns the time of a probe's ray. Those of neighbours are far apart, and every part of a view has all times. */
+static float probe_time(const struct stage *stage, int x, int y)
+{
+    return stage_time(stage, fmod(0.6180339887498949 * (y * PROBE_WIDTH + x), 1));
+}
+
 void probe_take(const struct stage *stage, const struct camera *camera, struct view_probe *ret_probe)
 {
     ret_probe->hits = ret_probe->subject_hits = 0;
@@ -19,7 +25,7 @@ void probe_take(const struct stage *stage, const struct camera *camera, struct v
         for (int x = 0; x < PROBE_WIDTH; x++) {
             struct stage_hit hit = {.distance = INFINITY};
             struct vector direction = camera_direction(camera, (x + 0.5) / PROBE_WIDTH, (y + 0.5) / PROBE_HEIGHT);
-            bool is_hit = stage_look(stage, camera->origin, direction, &hit);
+            bool is_hit = stage_look(stage, camera->origin, direction, probe_time(stage, x, y), &hit);
             ret_probe->hits += is_hit;
             ret_probe->subject_hits += is_hit && is_in_bulk(stage, hit.position);
             ret_probe->distance[y][x] = hit.distance;
@@ -81,12 +87,13 @@ double probe_sunlit(const struct stage *stage, const struct camera *camera, cons
                 continue;
             struct vector direction = camera_direction(camera, (x + 0.5) / PROBE_WIDTH, (y + 0.5) / PROBE_HEIGHT);
             struct vector place = vector_mad(camera->origin, direction, probe->distance[y][x] * 0.9999);
-            lit += isinf(stage_clearance(stage, place, sun));
+            lit += isinf(stage_clearance(stage, place, sun, probe_time(stage, x, y)));
         }
     return (double)lit / (PROBE_WIDTH * PROBE_HEIGHT);
 }
 
-bool probe_sees(const struct stage *stage, const struct camera *camera, struct vector point, bool *ret_is_back)
+bool probe_sees(const struct stage *stage, const struct camera *camera, struct vector point, float time,
+                bool *ret_is_back)
 {
     struct vector away = vector_sub(point, camera->origin);
     double ahead = vector_dot(away, camera->forward), distance = vector_length(away);
@@ -94,7 +101,8 @@ bool probe_sees(const struct stage *stage, const struct camera *camera, struct v
         fabs(vector_dot(away, camera->up)) > ahead * camera->half_height)
         return false;
     struct stage_hit hit;
-    if (!stage_look(stage, camera->origin, vector_scale(away, 1 / distance), &hit) || hit.distance < 0.995 * distance)
+    if (!stage_look(stage, camera->origin, vector_scale(away, 1 / distance), time, &hit) ||
+        hit.distance < 0.995 * distance)
         return false;
     *ret_is_back = hit.is_back;
     return true;
@@ -112,7 +120,7 @@ double probe_visibility(const struct stage *stage, const struct camera *camera)
         if (!sample->is_subject)
             continue;
         tried++;
-        if (probe_sees(stage, camera, sample->at, &is_back))
+        if (probe_sees(stage, camera, sample->at, sample->time, &is_back))
             seen += is_back ? back : 1;
     }
     return tried ? seen / tried : 0;

@@ -38,7 +38,8 @@ double probe_sunlit(const struct stage *stage, const struct camera *camera, cons
  */
 double probe_visibility(const struct stage *stage, const struct camera *camera);
 
-/* Returns whether the camera sees a point, within its picture, and from the front of the surface there. */
-bool probe_sees(const struct stage *stage, const struct camera *camera, struct vector point, bool *ret_is_back);
+/* Returns whether the camera sees a point at a time, within its picture, and from the front of the surface there. */
+bool probe_sees(const struct stage *stage, const struct camera *camera, struct vector point, float time,
+                bool *ret_is_back);
 
 #endif

@@ -164,7 +164,7 @@ static void look_at_floor(const struct light *light, double distance, struct lig
 
 struct ray light_begin(const struct light *light, const struct light_sample *sample)
 {
-    return stage_ray(light->camera->origin, sample->direction);
+    return stage_ray(light->camera->origin, sample->direction, sample->time);
 }
 
 void light_meet(const struct light *light, const struct ray *ray, const struct tracer_hit *hit,
@@ -193,7 +193,7 @@ void light_ambient_rays(struct light_sample *sample, struct ray ret_rays[LIGHT_B
         double azimuth = (cell % LIGHT_STRATA + rays_uniform(&sample->random)) / LIGHT_STRATA;
         double outward = (cell / LIGHT_STRATA % 2 + rays_uniform(&sample->random)) / 2;
         struct vector direction = vector_unit(around(sample->normal, azimuth, sqrt(outward), sqrt(1 - outward)));
-        ret_rays[i] = stage_ray(sample->position, direction);
+        ret_rays[i] = stage_ray(sample->position, direction, sample->time);
     }
 }
 
@@ -239,9 +239,9 @@ bool light_is_hole(const struct light *light, bool is_camera, const struct ray *
            appearance_is_hole(light->appearance, &met, is_camera ? light->spread : 0);
 }
 
-struct ray light_shadow_ray(const struct light *light, const struct light_shadow *shadow)
+struct ray light_shadow_ray(const struct light *light, const struct light_shadow *shadow, float time)
 {
-    struct ray ray = stage_ray(shadow->from, shadow->towards);
+    struct ray ray = stage_ray(shadow->from, shadow->towards, time);
     ray.flags = light_has_holes(light) ? 0 : RAY_TERMINATE_ON_FIRST_HIT;
     return ray;
 }

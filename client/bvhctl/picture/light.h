@@ -61,6 +61,7 @@ struct light_sample {
     struct vector direction; /* of the camera's ray; set by the caller */
     unsigned index; /* among the pixel's samples, modulo 4; set by the caller */
     uint64_t random; /* the seed; set by the caller */
+    float time; /* of all its rays; set by the caller */
 
     struct vector backdrop; /* the sky that is seen directly, or through the fading of the far floor */
     struct vector albedo; /* of the surface, times the weight that the fading leaves it */
@@ -84,8 +85,8 @@ void light_ambient_rays(struct light_sample *sample, struct ray ret_rays[LIGHT_B
 void light_reflect(const struct light *light, const struct ray rays[LIGHT_BOUNCES],
                    const struct tracer_hit hits[LIGHT_BOUNCES], struct light_sample *sample);
 
-/* Returns the ray for a shadow that is needed. It ends at any hit, unless there may be holes. */
-struct ray light_shadow_ray(const struct light *light, const struct light_shadow *shadow);
+/* Returns the ray for a shadow that is needed, at a time. It ends at any hit, unless there may be holes. */
+struct ray light_shadow_ray(const struct light *light, const struct light_shadow *shadow, float time);
 
 /*
  * Converts a linear colour, in which 1 is a white wall in the sun, for display: 0 to 1 in the curve of sRGB, with

@@ -9,8 +9,11 @@
 #include "client/bvhctl/picture/exposure.h"
 #include "client/bvhctl/picture/smooth.h"
 
-/* Each pixel has a grid of samples; pixels on edges have a second, finer one in addition. */
-enum { GRID = 2, SAMPLES = GRID * GRID, EDGE_GRID = 3, EDGE_SAMPLES = EDGE_GRID * EDGE_GRID };
+struct picture_samples picture_samples(const struct stage *stage, uint32_t samples)
+{
+    static const struct picture_samples sharp = {4, 9}, blurred = {8, 24};
+    return samples ? (struct picture_samples){samples, 0} : stage->is_blurred ? blurred : sharp;
+}
 
 static enum bvhd_status no_memory(const struct picture_options *options, struct bvhd_error *error)
 {
@@ -19,6 +22,7 @@ static enum bvhd_status no_memory(const struct picture_options *options, struct 
 
 struct rendering {
     const struct picture_options *options;
+    struct picture_samples samples;
     struct sampler sampler;
     struct pixel *pixels;
     uint8_t *rgb;
@@ -103,19 +107,28 @@ static void finish_pixel(const struct light *light, const struct sums *sums, str
     *ret_pixel = pixel;
 }
 
-/* Places one sample at a random point of each cell of a grid over the pixel. */
-static void place_samples(const struct rendering *rendering, uint32_t pixel, unsigned grid,
+/*
+ * Places one sample at a random point of each cell of a grid over the pixel, whose rows have about as many cells each
+ * as there are rows. Their times differ by the golden ratio, so that those of neighbouring cells are far apart, and all
+ * of them are spread evenly.
+ */
+static void place_samples(const struct rendering *rendering, uint32_t pixel, uint32_t count,
                           struct light_sample *samples)
 {
     const struct picture_options *options = rendering->options;
-    uint32_t x = pixel % options->width, y = pixel / options->width;
-    uint64_t seed = (uint64_t)y << 32 | x << 8 | grid, state = rays_random(&seed);
-    for (unsigned i = 0; i < grid * grid; i++) {
-        double u = (x + (i % grid + rays_uniform(&state)) / grid) / options->width;
-        double v = (y + (i / grid + rays_uniform(&state)) / grid) / options->height;
+    const struct stage *stage = options->light->stage;
+    uint32_t x = pixel % options->width, y = pixel / options->width, rows = (uint32_t)lround(sqrt(count));
+    uint64_t seed = (uint64_t)y << 32 | x << 8 | rows, state = rays_random(&seed), moment = state ^ UINT64_C(0x71e5);
+    const double first_moment = rays_uniform(&moment);
+    for (uint32_t i = 0; i < count; i++) {
+        uint32_t row = i * rows / count, begin = (row * count + rows - 1) / rows,
+                 end = ((row + 1) * count + rows - 1) / rows;
+        double u = (x + (i - begin + rays_uniform(&state)) / (end - begin)) / options->width;
+        double v = (y + (row + rays_uniform(&state)) / rows) / options->height;
         samples[i].direction = camera_direction(options->light->camera, u, v);
-        samples[i].index = i % SAMPLES;
+        samples[i].index = i % 4;
         samples[i].random = rays_random(&state);
+        samples[i].time = stage_time(stage, fmod(first_moment + 0.6180339887498949 * i, 1));
     }
 }
 
@@ -126,23 +139,31 @@ enum { CHUNK = 128 }; /* pixels */
 static void place_pixels(void *context, size_t index)
 {
     const struct rendering *rendering = context;
+    const uint32_t samples = rendering->samples.all;
     size_t begin, end;
     parallel_chunk(index, CHUNK, rendering->count, &begin, &end);
     for (size_t i = begin; i < end; i++)
-        place_samples(rendering, rendering->first + (uint32_t)i, GRID, rendering->sampler.samples + i * SAMPLES);
+        place_samples(rendering, rendering->first + (uint32_t)i, samples, rendering->sampler.samples + i * samples);
+}
+
+/* Returns whether a pixel gets more samples. */
+static bool wants_more(const struct rendering *rendering, const struct sums *sums)
+{
+    return rendering->samples.edges && is_edge(sums);
 }
 
 static void add_pixels(void *context, size_t index)
 {
     const struct rendering *rendering = context;
+    const uint32_t samples = rendering->samples.all;
     size_t begin, end;
     parallel_chunk(index, CHUNK, rendering->count, &begin, &end);
     for (size_t i = begin; i < end; i++) {
         struct sums *sums = &rendering->sums[i];
         *sums = (struct sums){0};
-        for (int k = 0; k < SAMPLES; k++)
-            add_sample(sums, &rendering->sampler.samples[i * SAMPLES + k]);
-        if (!is_edge(sums))
+        for (uint32_t k = 0; k < samples; k++)
+            add_sample(sums, &rendering->sampler.samples[i * samples + k]);
+        if (!wants_more(rendering, sums))
             finish_pixel(rendering->options->light, sums, &rendering->pixels[rendering->first + i]);
     }
 }
@@ -150,21 +171,23 @@ static void add_pixels(void *context, size_t index)
 static void place_edges(void *context, size_t index)
 {
     const struct rendering *rendering = context;
+    const uint32_t samples = rendering->samples.edges;
     size_t begin, end;
     parallel_chunk(index, CHUNK, rendering->edge_count, &begin, &end);
     for (size_t i = begin; i < end; i++)
-        place_samples(rendering, rendering->edges[i].pixel, EDGE_GRID, rendering->sampler.samples + i * EDGE_SAMPLES);
+        place_samples(rendering, rendering->edges[i].pixel, samples, rendering->sampler.samples + i * samples);
 }
 
 static void add_edges(void *context, size_t index)
 {
     const struct rendering *rendering = context;
+    const uint32_t samples = rendering->samples.edges;
     size_t begin, end;
     parallel_chunk(index, CHUNK, rendering->edge_count, &begin, &end);
     for (size_t i = begin; i < end; i++) {
         struct edge *edge = &rendering->edges[i];
-        for (int k = 0; k < EDGE_SAMPLES; k++)
-            add_sample(&edge->sums, &rendering->sampler.samples[i * EDGE_SAMPLES + k]);
+        for (uint32_t k = 0; k < samples; k++)
+            add_sample(&edge->sums, &rendering->sampler.samples[i * samples + k]);
         finish_pixel(rendering->options->light, &edge->sums, &rendering->pixels[edge->pixel]);
     }
 }
@@ -174,10 +197,17 @@ static void in_chunks(struct rendering *rendering, uint32_t pixels, parallel_tas
     parallel_for(rendering->options->parallel, parallel_chunks(CHUNK, pixels), task, rendering);
 }
 
+/* Returns how many pixels with so many samples each are sampled at once. */
+static uint32_t pixels_at_once(const struct rendering *rendering, uint32_t samples)
+{
+    return samples ? rendering->options->batch / samples : 0;
+}
+
 static enum bvhd_status sample_edges(struct rendering *rendering, struct bvhd_error *error)
 {
     in_chunks(rendering, rendering->edge_count, place_edges);
-    enum bvhd_status status = sampler_take(&rendering->sampler, rendering->edge_count * EDGE_SAMPLES, error);
+    enum bvhd_status status =
+        sampler_take(&rendering->sampler, rendering->edge_count * rendering->samples.edges, error);
     if (status != BVHD_OK)
         return status;
     in_chunks(rendering, rendering->edge_count, add_edges);
@@ -188,12 +218,13 @@ static enum bvhd_status sample_edges(struct rendering *rendering, struct bvhd_er
 /* Collects the pixels on edges, and samples them again when there are enough for a batch. */
 static enum bvhd_status collect_edges(struct rendering *rendering, struct bvhd_error *error)
 {
+    const uint32_t most = pixels_at_once(rendering, rendering->samples.edges);
     enum bvhd_status status = BVHD_OK;
     for (uint32_t i = 0; i < rendering->count && status == BVHD_OK; i++) {
-        if (!is_edge(&rendering->sums[i]))
+        if (!wants_more(rendering, &rendering->sums[i]))
             continue;
         rendering->edges[rendering->edge_count++] = (struct edge){rendering->first + i, rendering->sums[i]};
-        if (rendering->edge_count == rendering->options->batch / EDGE_SAMPLES)
+        if (rendering->edge_count == most)
             status = sample_edges(rendering, error);
     }
     return status;
@@ -202,13 +233,13 @@ static enum bvhd_status collect_edges(struct rendering *rendering, struct bvhd_e
 static enum bvhd_status sample_pixels(struct rendering *rendering, struct bvhd_error *error)
 {
     const struct picture_options *options = rendering->options;
-    uint32_t total = options->width * options->height, step = options->batch / SAMPLES;
+    uint32_t total = options->width * options->height, step = pixels_at_once(rendering, rendering->samples.all);
     enum bvhd_status status = BVHD_OK;
     for (uint32_t first = 0; first < total && status == BVHD_OK; first += rendering->count) {
         rendering->first = first;
         rendering->count = total - first < step ? total - first : step;
         in_chunks(rendering, rendering->count, place_pixels);
-        status = sampler_take(&rendering->sampler, rendering->count * SAMPLES, error);
+        status = sampler_take(&rendering->sampler, rendering->count * rendering->samples.all, error);
         if (status != BVHD_OK)
             return status;
         in_chunks(rendering, rendering->count, add_pixels);
@@ -280,6 +311,8 @@ static enum bvhd_status prepare(struct rendering *rendering, struct memory *memo
 {
     const struct picture_options *options = rendering->options;
     uint64_t count = (uint64_t)options->width * options->height;
+    uint64_t sums = pixels_at_once(rendering, rendering->samples.all),
+             edges = pixels_at_once(rendering, rendering->samples.edges);
     struct sampler_options sampler = {.light = options->light,
                                       .tracer = options->tracer,
                                       .parallel = options->parallel,
@@ -288,8 +321,8 @@ static enum bvhd_status prepare(struct rendering *rendering, struct memory *memo
                                       .watch_context = options->watch_context};
     rendering->pixels = memory_array(memory, count, sizeof *rendering->pixels);
     rendering->rgb = memory_array(memory, count, 3);
-    rendering->sums = memory_array(memory, options->batch / SAMPLES, sizeof *rendering->sums);
-    rendering->edges = memory_array(memory, options->batch / EDGE_SAMPLES, sizeof *rendering->edges);
+    rendering->sums = memory_array(memory, sums, sizeof *rendering->sums);
+    rendering->edges = memory_array(memory, edges + 1, sizeof *rendering->edges);
     if (!rendering->pixels || !rendering->rgb || !rendering->sums || !rendering->edges)
         return no_memory(options, error);
     return sampler_init(&rendering->sampler, &sampler, memory, error);
@@ -308,7 +341,8 @@ static enum bvhd_status develop(struct rendering *rendering, struct memory *memo
 enum bvhd_status picture_render(const struct picture_options *options, struct memory *memory,
                                 struct picture *ret_picture, struct bvhd_error *error)
 {
-    struct rendering rendering = {.options = options};
+    struct rendering rendering = {.options = options,
+                                  .samples = picture_samples(options->light->stage, options->samples)};
     enum bvhd_status status = prepare(&rendering, memory, error);
     if (status == BVHD_OK)
         status = sample_pixels(&rendering, error);

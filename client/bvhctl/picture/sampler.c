@@ -174,8 +174,8 @@ static void begin(void *context, size_t index)
     parallel_chunk(index, CHUNK, sampler->count, &first, &end);
     for (size_t i = first; i < end; i++) {
         struct light_sample *sample = &sampler->samples[i];
-        *sample =
-            (struct light_sample){.direction = sample->direction, .index = sample->index, .random = sample->random};
+        *sample = (struct light_sample){
+            .direction = sample->direction, .index = sample->index, .random = sample->random, .time = sample->time};
         sampler->wave[i] = light_begin(sampler->options.light, sample);
     }
 }
@@ -204,7 +204,7 @@ static void look_around(void *context, size_t index)
     for (size_t i = first; i < end; i++) {
         struct light_sample *sample = &sampler->samples[i];
         if (sample->shadow.is_needed)
-            sampler->wave[at.shadows++] = light_shadow_ray(sampler->options.light, &sample->shadow);
+            sampler->wave[at.shadows++] = light_shadow_ray(sampler->options.light, &sample->shadow, sample->time);
         if (!sample->is_surface)
             continue;
         light_ambient_rays(sample, &sampler->wave[at.ambients]);
@@ -244,9 +244,11 @@ static void look_at_sun(void *context, size_t index)
     size_t first, end;
     parallel_chunk(index, CHUNK, sampler->count, &first, &end);
     for (size_t i = first; i < end; i++)
-        for (int k = 0; k < LIGHT_BOUNCES; k++)
-            if (sampler->samples[i].bounced[k].is_needed)
-                sampler->wave[at++] = light_shadow_ray(sampler->options.light, &sampler->samples[i].bounced[k]);
+        for (int k = 0; k < LIGHT_BOUNCES; k++) {
+            const struct light_sample *sample = &sampler->samples[i];
+            if (sample->bounced[k].is_needed)
+                sampler->wave[at++] = light_shadow_ray(sampler->options.light, &sample->bounced[k], sample->time);
+        }
 }
 
 static void settle(void *context, size_t index)

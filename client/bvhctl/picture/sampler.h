@@ -34,7 +34,7 @@ struct sampler_hole;
 
 struct sampler {
     struct sampler_options options;
-    struct light_sample *samples; /* [batch]; the caller sets direction, index and random of each */
+    struct light_sample *samples; /* [batch]; the caller sets direction, index, random and time of each */
     uint64_t rays; /* traced so far */
     double seconds; /* that the tracer needed for them */
     /* the batch that is sampled: */

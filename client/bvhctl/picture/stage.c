@@ -10,13 +10,20 @@
 #include "client/bvhctl/picture/stage_bulk.h"
 #include "client/bvhctl/picture/stage_samples.h"
 
-struct ray stage_ray(struct vector origin, struct vector direction)
+struct ray stage_ray(struct vector origin, struct vector direction, float time)
 {
     return (struct ray){.origin = {(float)origin.x, (float)origin.y, (float)origin.z},
                         .direction = {(float)direction.x, (float)direction.y, (float)direction.z},
                         .tmin = 0,
                         .tmax = FLT_MAX,
-                        .cull_mask = 0xff};
+                        .cull_mask = 0xff,
+                        .time = time};
+}
+
+float stage_time(const struct stage *stage, double fraction)
+{
+    const double first = (double)stage->times.first, last = (double)stage->times.last;
+    return (float)fmin(first + (last - first) * fraction, last);
 }
 
 static int compare_instances(const void *a, const void *b)
@@ -32,35 +39,38 @@ static const struct structure_instance *stage_instance(const struct stage *stage
     return bsearch(&wanted, stage->instances, stage->instance_count, sizeof wanted, compare_instances);
 }
 
-static struct vector world_normal(const struct stage *stage, const struct ray_hit *hit, struct vector position)
+static struct vector world_normal(const struct stage *stage, const struct ray_hit *hit, struct vector position,
+                                  float time)
 {
-    float corners[3][3];
+    float corners[3][3], matrix[12];
     struct vector p[3];
+    bool has_top = stage->structures->has_top;
     const struct structure *bottom = &stage->structures->files[hit->handle].structure;
+    if (has_top)
+        structure_instance_matrix(stage_instance(stage, hit->instance), time, matrix);
     if (structure_round_count(bottom)) {
         struct structure_round round = structure_round(bottom, hit->record);
-        bool has_top = stage->structures->has_top;
-        const float *matrix = has_top ? stage_instance(stage, hit->instance)->object_to_world : NULL;
-        return round_surface_normal(&round, matrix, position, (double)hit->u);
+        return round_surface_normal(&round, has_top ? matrix : NULL, position, (double)hit->u);
     }
-    structures_corners(stage->structures, hit, corners);
+    structures_corners(stage->structures, hit, time, corners);
     for (int i = 0; i < 3; i++) {
         p[i] = vector_from_floats(corners[i]);
-        if (stage->structures->has_top)
-            p[i] = vector_transform(stage_instance(stage, hit->instance)->object_to_world, p[i]);
+        if (has_top)
+            p[i] = vector_transform(matrix, p[i]);
     }
     return vector_normal(p);
 }
 
-bool stage_look(const struct stage *stage, struct vector origin, struct vector direction, struct stage_hit *ret_hit)
+bool stage_look(const struct stage *stage, struct vector origin, struct vector direction, float time,
+                struct stage_hit *ret_hit)
 {
-    struct ray ray = stage_ray(origin, direction);
+    struct ray ray = stage_ray(origin, direction, time);
     struct ray_hit hit;
     if (!structures_trace(stage->structures, &ray, &hit))
         return false;
     struct vector position =
         vector_mad(vector_from_floats(ray.origin), vector_from_floats(ray.direction), (double)hit.t);
-    struct vector normal = hit.is_aabb ? vector_scale(direction, -1) : world_normal(stage, &hit, position);
+    struct vector normal = hit.is_aabb ? vector_scale(direction, -1) : world_normal(stage, &hit, position, time);
     bool is_back = vector_dot(normal, direction) > 0;
     if (is_back)
         normal = vector_scale(normal, -1);
@@ -74,9 +84,9 @@ bool stage_look(const struct stage *stage, struct vector origin, struct vector d
     return true;
 }
 
-double stage_clearance(const struct stage *stage, struct vector origin, struct vector direction)
+double stage_clearance(const struct stage *stage, struct vector origin, struct vector direction, float time)
 {
-    struct ray ray = stage_ray(origin, direction);
+    struct ray ray = stage_ray(origin, direction, time);
     struct ray_hit hit;
     return structures_trace(stage->structures, &ray, &hit) ? (double)hit.t : INFINITY;
 }
@@ -89,10 +99,10 @@ double stage_cost(const struct stage *stage)
     struct bvhd_cpu_counters counters = {.struct_size = sizeof counters};
     uint64_t state = 0xc057;
     for (int i = 0; i < RAYS; i++) {
-        struct vector from = stage->samples[rays_random(&state) % stage->sample_count].at;
+        const struct stage_sample *from = &stage->samples[rays_random(&state) % stage->sample_count];
         struct vector to = stage->samples[rays_random(&state) % stage->sample_count].at;
-        struct vector forward = vector_unit(vector_sub(to, from));
-        rays[i] = stage_ray(vector_mad(from, forward, -stage->size), forward);
+        struct vector forward = vector_unit(vector_sub(to, from->at));
+        rays[i] = stage_ray(vector_mad(from->at, forward, -stage->size), forward, from->time);
     }
     const struct bvhd_cpu_trace trace = {
         .struct_size = sizeof trace,
@@ -162,10 +172,19 @@ static enum bvhd_status find_bulk(struct stage *stage, char up, struct bvhd_erro
     return BVHD_OK;
 }
 
-enum bvhd_status stage_init(struct stage *stage, const struct structures *structures, char up, struct memory *memory,
-                            struct bvhd_error *error)
+static bool has_motion(const struct structures *structures)
 {
-    *stage = (struct stage){.structures = structures, .memory = memory};
+    for (uint32_t i = 0; i < structures->file_count; i++)
+        if (structures->files[i].structure.moves)
+            return true;
+    return false;
+}
+
+enum bvhd_status stage_init(struct stage *stage, const struct structures *structures, char up, struct stage_times times,
+                            struct memory *memory, struct bvhd_error *error)
+{
+    *stage = (struct stage){.structures = structures, .times = times, .memory = memory};
+    stage->is_blurred = times.first < times.last && has_motion(structures);
     enum bvhd_status status = find_instances(stage, error);
     if (status == BVHD_OK)
         status = find_bulk(stage, up, error);

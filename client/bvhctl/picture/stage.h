@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * stage.h - prepares a scene for a picture: which direction is up, which box encloses most of it, what a ray hits.
+ * stage.h - prepares a scene for a picture: which direction is up, which box encloses most of it, what a ray hits, and
+ * when.
  *
  * That box, the bulk, encloses nearly all triangles but not all of them, so that a far triangle or an endless ground
  * does not make the others too small to see (stage_bulk.h).
@@ -18,11 +19,22 @@ struct stage_sample {
     struct vector at;
     struct vector corners[3]; /* of its triangle */
     double reach; /* the longest side of its triangle */
+    float time; /* when it is there */
     bool is_subject; /* it belongs to what the picture is about: it is in the bulk, and not on an endless ground */
+};
+
+/*
+ * When the rays of a picture meet what moves: at times from the first to the last, which are in 0 .. 1. They are those
+ * of rays (struct ray): where something moves, a picture of several times is blurred.
+ */
+struct stage_times {
+    float first, last;
 };
 
 struct stage {
     const struct structures *structures;
+    struct stage_times times;
+    bool is_blurred; /* some structure moves, and the times differ */
     struct structure_instance *instances; /* of the top level, sorted by their positions in the request */
     uint32_t instance_count;
     uint64_t primitive_count; /* triangles, spheres and linear swept spheres of all instances */
@@ -48,10 +60,13 @@ struct stage {
  * Prepares a scene. `up` is 'x', 'y', 'z', or 'a' for a guess. It is an error if no primitive of the scene can be seen.
  * The structures must outlive the stage. End with stage_finish.
  */
-enum bvhd_status stage_init(struct stage *stage, const struct structures *structures, char up, struct memory *memory,
-                            struct bvhd_error *error);
+enum bvhd_status stage_init(struct stage *stage, const struct structures *structures, char up, struct stage_times times,
+                            struct memory *memory, struct bvhd_error *error);
 /* NULL-safe, idempotent. */
 void stage_finish(struct stage *stage);
+
+/* Returns the time of the picture that lies at a fraction, 0 to 1, between the first and the last. */
+float stage_time(const struct stage *stage, double fraction);
 
 /* The point that a ray hit. */
 struct stage_hit {
@@ -70,10 +85,11 @@ struct stage_hit {
  * Traces a ray on the CPU. `direction` is a unit vector. Returns true and fills in *ret_hit if it hits something. Any
  * thread.
  */
-bool stage_look(const struct stage *stage, struct vector origin, struct vector direction, struct stage_hit *ret_hit);
+bool stage_look(const struct stage *stage, struct vector origin, struct vector direction, float time,
+                struct stage_hit *ret_hit);
 
 /* Returns the distance to the closest hit, INFINITY if there is none. Any thread. */
-double stage_clearance(const struct stage *stage, struct vector origin, struct vector direction);
+double stage_clearance(const struct stage *stage, struct vector origin, struct vector direction, float time);
 
 /* Returns the mean number of triangle tests of a ray, over some rays between points of the stage. */
 double stage_cost(const struct stage *stage);
@@ -82,7 +98,7 @@ double stage_cost(const struct stage *stage);
 struct vector stage_leave(const struct stage *stage, const struct stage_hit *hit);
 
 /* Returns the ray in the form that traversal takes. */
-struct ray stage_ray(struct vector origin, struct vector direction);
+struct ray stage_ray(struct vector origin, struct vector direction, float time);
 
 /* Convert a point to coordinates along east, north and up, and back. */
 struct vector stage_to_local(const struct stage *stage, struct vector point);

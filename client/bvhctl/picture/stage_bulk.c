@@ -183,12 +183,13 @@ static struct extents find_box(const struct stage *stage)
 
 /* ---- which direction is up ---- */
 
-/* Returns the extent of the positions of the instances. */
+/* Returns the extent of the positions of the instances, in the middle of the times. */
 static struct extents spread_of_instances(const struct stage *stage)
 {
     struct extents box = no_extents;
     for (uint32_t i = 0; i < stage->instance_count; i++) {
-        const float *m = stage->instances[i].object_to_world;
+        float m[12];
+        structure_instance_matrix(&stage->instances[i], stage_time(stage, 0.5), m);
         add_point(&box, vector_make((double)m[3], (double)m[7], (double)m[11]));
     }
     return box;

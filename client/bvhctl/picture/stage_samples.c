@@ -28,52 +28,69 @@ struct tour {
     double area, area_step, area_next;
     uint64_t seen, stride, repeats; /* samples by number: `repeats` from one of each `stride` triangles that are seen */
     /*
-     * states of random numbers, for the triangles that are visited and for those that are picked. Regular steps could
-     * find the same triangles in every instance, because instances repeat
+     * states of random numbers, for the triangles that are visited, for those that are picked, and for the times of
+     * samples. Regular steps could find the same triangles in every instance, because instances repeat
      */
-    uint64_t place, pick;
+    uint64_t place, pick, moment;
     uint64_t picked; /* which of the next `stride` triangles gives samples */
 };
 
-static void add_sample(struct tour *tour, const struct vector corners[3])
+/* A primitive of an instance. */
+struct place {
+    const struct structure *bottom;
+    const struct structure_instance *instance; /* NULL: there is no top level */
+    uint32_t row;
+};
+
+/* Gives the triangle of a primitive as it is at a time. */
+static void find_corners(const struct place *place, float time, struct vector ret_corners[3])
+{
+    float exact[3][3], matrix[12];
+    uint32_t primitive;
+    if (structure_round_count(place->bottom)) {
+        struct structure_round round = structure_round(place->bottom, place->row);
+        round_surface_stand_in(&round, ret_corners);
+    } else {
+        structure_triangle(place->bottom, place->row, time, exact, &primitive);
+        for (int i = 0; i < 3; i++)
+            ret_corners[i] = vector_from_floats(exact[i]);
+    }
+    if (!place->instance)
+        return;
+    structure_instance_matrix(place->instance, time, matrix);
+    for (int i = 0; i < 3; i++)
+        ret_corners[i] = vector_transform(matrix, ret_corners[i]);
+}
+
+/* Adds a point of a primitive at a random time. */
+static void add_sample(struct tour *tour, const struct place *place)
 {
     struct stage *stage = tour->stage;
-    struct vector point = random_point(corners, &tour->state);
-    if (stage->sample_count == STAGE_SAMPLES || !isfinite(point.x) || !isfinite(point.y) || !isfinite(point.z))
+    struct stage_sample sample = {.time = stage_time(stage, stage->is_blurred ? rays_uniform(&tour->moment) : 0)};
+    find_corners(place, sample.time, sample.corners);
+    sample.at = random_point(sample.corners, &tour->state);
+    if (stage->sample_count == STAGE_SAMPLES || !isfinite(sample.at.x) || !isfinite(sample.at.y) ||
+        !isfinite(sample.at.z))
         return;
-    struct stage_sample sample = {.at = point};
-    for (int i = 0; i < 3; i++) {
-        sample.corners[i] = corners[i];
-        sample.reach = fmax(sample.reach, vector_length(vector_sub(corners[i], corners[(i + 1) % 3])));
-    }
+    for (int i = 0; i < 3; i++)
+        sample.reach = fmax(sample.reach, vector_length(vector_sub(sample.corners[i], sample.corners[(i + 1) % 3])));
     stage->samples[stage->sample_count++] = sample;
 }
 
-static void visit_primitive(struct tour *tour, const struct structure *bottom, const float *transform, uint32_t row)
+static void visit_primitive(struct tour *tour, const struct place *place)
 {
-    float exact[3][3];
     struct vector corners[3];
-    uint32_t primitive;
-    if (structure_round_count(bottom)) {
-        struct structure_round round = structure_round(bottom, row);
-        round_surface_stand_in(&round, corners);
-    } else {
-        structure_triangle(bottom, row, exact, &primitive);
-        for (int i = 0; i < 3; i++)
-            corners[i] = vector_from_floats(exact[i]);
-    }
-    for (int i = 0; i < 3 && transform; i++)
-        corners[i] = vector_transform(transform, corners[i]);
+    find_corners(place, stage_time(tour->stage, 0.5), corners);
     if (tour->seen % tour->stride == 0)
         tour->picked = rays_random(&tour->pick) % tour->stride;
     bool is_chosen = tour->seen++ % tour->stride == tour->picked && tour->area_step == 0;
     for (uint64_t i = 0; i < tour->repeats && is_chosen; i++)
-        add_sample(tour, corners);
+        add_sample(tour, place);
     struct vector normal = vector_cross(vector_sub(corners[1], corners[0]), vector_sub(corners[2], corners[0]));
     double area = vector_length(normal);
     tour->area += isfinite(area) ? area : 0;
     for (; tour->area_step > 0 && tour->area_next < tour->area && isfinite(area); tour->area_next += tour->area_step)
-        add_sample(tour, corners);
+        add_sample(tour, place);
 }
 
 static void take_tour(struct tour *tour)
@@ -88,7 +105,8 @@ static void take_tour(struct tour *tour)
         const struct structure *bottom = &files[instance ? instance->bottom : 0].structure;
         double count = (double)structure_triangle_count(bottom) + structure_round_count(bottom);
         for (; at < base + count; at = next + rays_uniform(&tour->place) * step) {
-            visit_primitive(tour, bottom, instance ? instance->object_to_world : NULL, (uint32_t)(at - base));
+            const struct place place = {bottom, instance, (uint32_t)(at - base)};
+            visit_primitive(tour, &place);
             next += step;
         }
         base += count;

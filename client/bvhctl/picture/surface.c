@@ -22,7 +22,7 @@ static uint32_t primitive_of(const struct structure *bottom, uint32_t row)
     uint32_t primitive;
     if (structure_round_count(bottom))
         return structure_round(bottom, row).primitive;
-    structure_triangle(bottom, row, corners, &primitive);
+    structure_triangle(bottom, row, 0, corners, &primitive);
     return primitive;
 }
 
@@ -157,12 +157,12 @@ static struct vector position_of(const struct ray *ray, const struct tracer_hit 
     return vector_mad(vector_from_floats(ray->origin), vector_from_floats(ray->direction), (double)hit->t);
 }
 
-static void find_triangle(const struct structure *bottom, uint32_t row, const float *transform,
+static void find_triangle(const struct structure *bottom, uint32_t row, float time, const float *transform,
                           struct vector ret_corners[3])
 {
     float corners[3][3];
     uint32_t primitive;
-    structure_triangle(bottom, row, corners, &primitive);
+    structure_triangle(bottom, row, time, corners, &primitive);
     for (int i = 0; i < 3; i++) {
         struct vector corner = vector_from_floats(corners[i]);
         ret_corners[i] = transform ? vector_transform(transform, corner) : corner;
@@ -200,18 +200,21 @@ bool surfaces_find(const struct surfaces *surfaces, const struct ray *ray, const
                    struct surface *ret_surface)
 {
     struct structure_instance instance = {0};
+    float matrix[12];
     uint32_t row;
     if (hit->flags & TRACER_AABB || !find_instance(surfaces, hit, &instance) ||
         !find_row(surfaces, instance.bottom, hit, &row))
         return false;
     *ret_surface = (struct surface){.bottom = instance.bottom};
     const struct structure *bottom = &surfaces->structures->files[instance.bottom].structure;
-    const float *transform = structures_top(surfaces->structures) ? instance.object_to_world : NULL;
+    const float *transform = structures_top(surfaces->structures) ? matrix : NULL;
+    if (transform)
+        structure_instance_matrix(&instance, ray->time, matrix);
     if (structure_round_count(bottom)) {
         struct structure_round round = structure_round(bottom, row);
         find_tangent(&round, transform, position_of(ray, hit), fmin(fmax((double)hit->u, 0), 1), ret_surface->corners);
     } else {
-        find_triangle(bottom, row, transform, ret_surface->corners);
+        find_triangle(bottom, row, ray->time, transform, ret_surface->corners);
     }
     if (transform)
         ret_surface->shift = vector_transform(transform, vector_make(0, 0, 0));

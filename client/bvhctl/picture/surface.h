@@ -28,11 +28,11 @@ enum bvhd_status surfaces_init(struct surfaces *surfaces, const struct structure
 /* NULL-safe, idempotent. */
 void surfaces_finish(struct surfaces *surfaces);
 
-/* A triangle of an instance, or a part of the tangent plane of a round primitive. */
+/* A triangle of an instance at the time of a ray, or a part of the tangent plane of a round primitive. */
 struct surface {
     uint32_t bottom; /* row of its bottom level */
     struct vector corners[3]; /* in world space; of a round primitive, the first one is where it was hit */
-    struct vector shift; /* the translation of the instance's transform; 0 without a top level */
+    struct vector shift; /* the translation of the instance's transform then; 0 without a top level */
 };
 
 /* Finds the surface that a ray hit. Returns false if there is no such primitive. Not for hits of AABBs. Any thread. */

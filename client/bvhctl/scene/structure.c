@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "builder/format/serialized.h"
+#include "builder/traverse/motion.h"
 #include "client/bvhctl/scene/target_reader.h"
 
 /*
@@ -95,10 +96,10 @@ uint32_t structure_triangle_count(const struct structure *structure)
     return structure->content == CONTENT_TRIANGLES ? structure->record_count : 0;
 }
 
-void structure_triangle(const struct structure *structure, uint32_t row, float ret_corners[3][3],
+void structure_triangle(const struct structure *structure, uint32_t row, float time, float ret_corners[3][3],
                         uint32_t *ret_primitive)
 {
-    target_reader_find(structure->target)->triangle(structure, row, ret_corners, ret_primitive);
+    target_reader_find(structure->target)->triangle(structure, row, time, ret_corners, ret_primitive);
 }
 
 uint32_t structure_round_count(const struct structure *structure)
@@ -120,4 +121,17 @@ uint32_t structure_instance_count(const struct structure *structure)
 struct structure_instance structure_instance(const struct structure *structure, uint32_t row)
 {
     return target_reader_find(structure->target)->instance(structure, row);
+}
+
+void structure_instance_matrix(const struct structure_instance *instance, float time, float ret_matrix[12])
+{
+    struct portable_moving_instance record = {.motion = instance->motion};
+    if (instance->motion == MOTION_STATIC) {
+        memcpy(ret_matrix, instance->start, PORTABLE_MATRIX * sizeof *ret_matrix);
+        return;
+    }
+    memcpy(record.start, instance->start, sizeof record.start);
+    memcpy(record.end, instance->end, sizeof record.end);
+    if (!motion_matrix(&record, time, ret_matrix))
+        memset(ret_matrix, 0, PORTABLE_MATRIX * sizeof *ret_matrix);
 }

@@ -398,8 +398,9 @@ bool structures_trace(const struct structures *structures, const struct ray *ray
     return true;
 }
 
-void structures_corners(const struct structures *structures, const struct ray_hit *hit, float ret_corners[3][3])
+void structures_corners(const struct structures *structures, const struct ray_hit *hit, float time,
+                        float ret_corners[3][3])
 {
     const struct bvhd_cpu_hit named = {.blob = hit->handle, .record = hit->record};
-    bvhd_cpu_scene_corners(structures->scene, &named, ret_corners, NULL);
+    bvhd_cpu_scene_corners_at(structures->scene, &named, time, ret_corners, NULL);
 }

@@ -73,8 +73,9 @@ const struct structure *structures_top(const struct structures *structures);
  */
 bool structures_trace(const struct structures *structures, const struct ray *ray, struct ray_hit *ret_hit);
 
-/* Gives the exact corners of a triangle that structures_trace has hit, in object space. Not for AABBs. */
-void structures_corners(const struct structures *structures, const struct ray_hit *hit, float ret_corners[3][3]);
+/* Gives the exact corners of a triangle that structures_trace has hit at a time, in object space. Not for AABBs. */
+void structures_corners(const struct structures *structures, const struct ray_hit *hit, float time,
+                        float ret_corners[3][3]);
 
 /* Returns the base colour of a geometry of bottom level `bottom`, or NULL if the manifest has none. */
 const float *structures_colour(const struct structures *structures, uint32_t bottom, uint32_t geometry);

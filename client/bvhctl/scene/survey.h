@@ -34,7 +34,8 @@ struct survey {
     uint64_t level_nodes[PORTABLE_MAX_DEPTH]; /* nodes on each level, the root's first */
     /*
      * The cost by the surface area heuristic (SAH) of the tree as it is stored: each node and each record costs 1,
-     * weighted by the area of its box over that of the root; 0 when empty.
+     * weighted by the area of its box over that of the root; 0 when empty. Where something moves, areas of boxes are
+     * means over time, and that of the root is the area of its bounds over all time.
      */
     double sah;
     /* of the layout, in the order in which they are printed; the first is its version or variant */
@@ -52,7 +53,7 @@ void survey_add_figure(struct survey *survey, const char *name, uint64_t value);
 /* Returns the value of a figure; NULL when the layout does not have it. */
 const uint64_t *survey_find_figure(const struct survey *survey, const char *name);
 
-/* Returns "triangles", "indexed triangles", "AABBs", "instances" or "nothing". */
+/* Returns a name such as "triangles", "indexed triangles", "motion instances" or "nothing". */
 const char *survey_content_name(const struct structure *structure);
 
 #endif

@@ -37,7 +37,8 @@ struct target_reader {
     enum bvhd_status (*open)(struct structure *structure, struct bvhd_error *error);
     /* These five do the work of the functions of structure.h and survey.h that have the same names. */
     void (*bounds)(const struct structure *structure, float ret_bounds[6]);
-    void (*triangle)(const struct structure *structure, uint32_t row, float ret_corners[3][3], uint32_t *ret_primitive);
+    void (*triangle)(const struct structure *structure, uint32_t row, float time, float ret_corners[3][3],
+                     uint32_t *ret_primitive);
     struct structure_round (*round)(const struct structure *structure, uint32_t row); /* NULL: it has none */
     struct structure_instance (*instance)(const struct structure *structure, uint32_t row);
     const char *(*content_name)(const struct structure *structure);

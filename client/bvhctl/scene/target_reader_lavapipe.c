@@ -162,9 +162,10 @@ static void get_bounds(const struct structure *structure, float ret_bounds[6])
     memcpy(ret_bounds, structure->view.lavapipe.bounds, sizeof structure->view.lavapipe.bounds);
 }
 
-static void get_triangle(const struct structure *structure, uint32_t row, float ret_corners[3][3],
+static void get_triangle(const struct structure *structure, uint32_t row, float time, float ret_corners[3][3],
                          uint32_t *ret_primitive)
 {
+    (void)time;
     const struct lavapipe_triangle leaf = lavapipe_triangle_at(&structure->view.lavapipe, row);
     memcpy(ret_corners, leaf.corners, sizeof leaf.corners);
     *ret_primitive = row;
@@ -176,7 +177,8 @@ static struct structure_instance get_instance(const struct structure *structure,
     uint32_t leaf = structure->instance_rows[row];
     const struct lavapipe_instance record = lavapipe_instance_at(view, leaf);
     struct structure_instance instance = {.instance = record.instance, .bottom = (uint32_t)(handle_of(view, leaf) - 1)};
-    memcpy(instance.object_to_world, record.object_to_world, sizeof instance.object_to_world);
+    memcpy(instance.start, record.object_to_world, sizeof record.object_to_world);
+    memcpy(instance.end, record.object_to_world, sizeof record.object_to_world);
     return instance;
 }
 

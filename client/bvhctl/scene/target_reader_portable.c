@@ -5,9 +5,9 @@
 #include <string.h>
 
 #include "builder/format/record_kind.h"
+#include "builder/traverse/motion.h"
 #include "client/bvhctl/scene/survey.h"
 
-/* Contents that move have no row. */
 static const struct {
     enum structure_content content;
     const char *name;
@@ -18,6 +18,8 @@ static const struct {
     [PORTABLE_INSTANCES] = {CONTENT_INSTANCES, "instances"},
     [PORTABLE_SPHERES] = {CONTENT_SPHERES, "spheres"},
     [PORTABLE_SWEPT_SPHERES] = {CONTENT_SWEPT_SPHERES, "linear swept spheres"},
+    [PORTABLE_MOVING_TRIANGLES] = {CONTENT_TRIANGLES, "motion triangles"},
+    [PORTABLE_MOVING_INSTANCES] = {CONTENT_INSTANCES, "motion instances"},
 };
 
 static enum bvhd_status open_structure(struct structure *structure, struct bvhd_error *error)
@@ -27,9 +29,8 @@ static enum bvhd_status open_structure(struct structure *structure, struct bvhd_
     if (status != BVHD_OK)
         return status;
     const struct portable_header *header = view->header;
-    if (record_kind_moves(record_kind_of(header->content)))
-        return bvhd_error_set(error, BVHD_UNSUPPORTED, "body.content", "structures that move are not read");
     structure->content = contents[header->content].content;
+    structure->moves = record_kind_moves(record_kind_of(header->content));
     structure->primitive_count = header->primitive_count;
     structure->record_count = header->record_count;
     structure->geometries =
@@ -53,10 +54,14 @@ static void get_bounds(const struct structure *structure, float ret_bounds[6])
         memcpy(ret_bounds, header->bounds, sizeof header->bounds);
 }
 
-static void get_triangle(const struct structure *structure, uint32_t row, float ret_corners[3][3],
+static void get_triangle(const struct structure *structure, uint32_t row, float time, float ret_corners[3][3],
                          uint32_t *ret_primitive)
 {
     const struct portable_view *view = &structure->view.portable;
+    if (structure->moves) {
+        *ret_primitive = motion_corners(view, row, motion_weights_at(time), ret_corners) & PORTABLE_ID_MASK;
+        return;
+    }
     if (view->header->content == PORTABLE_TRIANGLES) {
         const struct portable_triangle *record = (const struct portable_triangle *)view->records + row;
         memcpy(ret_corners[0], record->v0, sizeof record->v0);
@@ -83,11 +88,25 @@ static struct structure_round get_round(const struct structure *structure, uint3
     return round;
 }
 
+static struct structure_instance get_moving_instance(const struct portable_view *view, uint32_t row)
+{
+    const struct portable_moving_instance *record = (const struct portable_moving_instance *)view->records + row;
+    struct structure_instance instance = {
+        .motion = record->motion, .instance = record->instance, .bottom = record->handle};
+    memcpy(instance.start, record->start, sizeof instance.start);
+    memcpy(instance.end, record->end, sizeof instance.end);
+    return instance;
+}
+
 static struct structure_instance get_instance(const struct structure *structure, uint32_t row)
 {
-    const struct portable_instance *record = (const struct portable_instance *)structure->view.portable.records + row;
+    const struct portable_view *view = &structure->view.portable;
+    if (structure->moves)
+        return get_moving_instance(view, row);
+    const struct portable_instance *record = (const struct portable_instance *)view->records + row;
     struct structure_instance instance = {.instance = record->instance, .bottom = record->handle};
-    memcpy(instance.object_to_world, record->object_to_world, sizeof instance.object_to_world);
+    memcpy(instance.start, record->object_to_world, sizeof record->object_to_world);
+    memcpy(instance.end, record->object_to_world, sizeof record->object_to_world);
     return instance;
 }
 
@@ -102,7 +121,7 @@ static void count_bytes(const struct portable_view *view, uint64_t blob_size, st
 {
     const struct portable_header *header = view->header;
     const struct record_kind *kind = record_kind_of(header->content);
-    survey->node_bytes = header->node_count * (uint64_t)sizeof(struct portable_node);
+    survey->node_bytes = header->node_count * (uint64_t)kind->node_size;
     survey->record_bytes = header->record_count * (uint64_t)kind->size;
     survey->vertex_bytes = header->vertex_count * (uint64_t)kind->vertex_size;
     survey->geometry_bytes = header->geometry_count * (uint64_t)sizeof(struct portable_geometry);
@@ -111,14 +130,32 @@ static void count_bytes(const struct portable_view *view, uint64_t blob_size, st
                           survey->vertex_bytes - survey->geometry_bytes;
 }
 
-static double slot_half_area(const struct portable_node *node, unsigned slot)
+/* Returns half the area of a box whose sides are given in steps of the node's grid. */
+static double half_area(const struct portable_node *node, const double steps[3])
 {
     double side[3];
-    for (int axis = 0; axis < 3; axis++) {
-        double scale = node->exponent[axis] ? ldexp(1, node->exponent[axis] - 127) : 0;
-        side[axis] = (node->hi[axis][slot] - node->lo[axis][slot]) * scale;
-    }
+    for (int axis = 0; axis < 3; axis++)
+        side[axis] = node->exponent[axis] ? ldexp(steps[axis], node->exponent[axis] - 127) : 0;
     return side[0] * side[1] + side[1] * side[2] + side[2] * side[0];
+}
+
+/*
+ * Returns half the area of a slot's box; of one that moves the mean over all times. Its sides are linear in the time,
+ * and the area is quadratic, for which Simpson's rule is exact.
+ */
+static double slot_half_area(const struct portable_node *node, bool moves, unsigned slot)
+{
+    const struct portable_moving_node *moving = (const struct portable_moving_node *)node;
+    double start[3], middle[3], end[3];
+    for (int axis = 0; axis < 3; axis++)
+        start[axis] = node->hi[axis][slot] - node->lo[axis][slot];
+    if (!moves)
+        return half_area(node, start);
+    for (int axis = 0; axis < 3; axis++) {
+        end[axis] = moving->end_hi[axis][slot] - moving->end_lo[axis][slot];
+        middle[axis] = (start[axis] + end[axis]) / 2;
+    }
+    return (half_area(node, start) + 4 * half_area(node, middle) + half_area(node, end)) / 6;
 }
 
 /* Returns the number of records in a leaf slot, which `meta` has in unary. */
@@ -131,6 +168,7 @@ static unsigned leaf_count(uint8_t meta)
 static void count_node(const struct portable_view *view, uint32_t index, uint8_t *levels, struct survey *survey)
 {
     const struct portable_node *node = portable_node_at(view, index);
+    const bool moves = record_kind_moves(record_kind_of(view->header->content));
     unsigned children = 0, inner = 0;
     survey->level_nodes[levels[index]]++;
     for (unsigned slot = 0; slot < 8; slot++) {
@@ -138,7 +176,7 @@ static void count_node(const struct portable_view *view, uint32_t index, uint8_t
             continue;
         bool is_inner = node->inner_mask >> slot & 1;
         children++;
-        survey->sah += slot_half_area(node, slot) * (is_inner ? 1 : leaf_count(node->meta[slot]));
+        survey->sah += slot_half_area(node, moves, slot) * (is_inner ? 1 : leaf_count(node->meta[slot]));
         if (is_inner)
             levels[node->first_child + inner++] = levels[index] + 1;
         else

@@ -21,13 +21,14 @@ static struct shape shape_of(const struct structure *bottom)
     return shapes[bottom->content];
 }
 
-static void unpack_triangles(const struct structure *bottom, struct unpacked_bottom *unpacked)
+/* Unpacks the corners as they are at a time. */
+static void unpack_triangles(const struct structure *bottom, float time, float *ret_positions)
 {
     for (uint32_t row = 0; row < structure_triangle_count(bottom); row++) {
         float corners[3][3];
         uint32_t primitive;
-        structure_triangle(bottom, row, corners, &primitive);
-        memcpy(unpacked->positions + UINT64_C(9) * primitive, corners, sizeof corners);
+        structure_triangle(bottom, row, time, corners, &primitive);
+        memcpy(ret_positions + UINT64_C(9) * primitive, corners, sizeof corners);
     }
 }
 
@@ -45,21 +46,31 @@ static void unpack_round(const struct structure *bottom, uint32_t vertices, stru
     }
 }
 
+/* Makes positions that no ray can hit. */
+static float *make_positions(uint64_t vertices, struct memory *memory)
+{
+    float *positions = memory_array(memory, vertices + 1, 3 * sizeof *positions);
+    for (uint64_t i = 0; positions && i < 3 * vertices; i++)
+        positions[i] = NAN;
+    return positions;
+}
+
 /* Returns false when there is no memory. */
 static bool unpack_bottom(const struct structure *bottom, struct memory *memory, struct unpacked_bottom *unpacked)
 {
     struct shape shape = shape_of(bottom);
     uint64_t count = (uint64_t)bottom->primitive_count * shape.vertices;
     bool is_round = shape.oracle != ORACLE_TRIANGLES, has_caps = shape.oracle == ORACLE_SWEPT_SPHERES;
+    bool moves = bottom->moves;
     if (shape.vertices == 0)
         return true;
-    unpacked->positions = memory_array(memory, count + 1, 3 * sizeof *unpacked->positions);
+    unpacked->positions = make_positions(count, memory);
+    unpacked->end_positions = moves ? make_positions(count, memory) : NULL;
     unpacked->radii = is_round ? memory_array(memory, count + 1, sizeof *unpacked->radii) : NULL;
     unpacked->caps = has_caps ? memory_alloc(memory, (uint64_t)bottom->primitive_count + 1) : NULL;
-    if (!unpacked->positions || (is_round && !unpacked->radii) || (has_caps && !unpacked->caps))
+    if (!unpacked->positions || (moves && !unpacked->end_positions) || (is_round && !unpacked->radii) ||
+        (has_caps && !unpacked->caps))
         return false;
-    for (uint64_t i = 0; i < 3 * count; i++)
-        unpacked->positions[i] = NAN;
     if (is_round)
         memset(unpacked->radii, 0, count * sizeof *unpacked->radii);
     if (has_caps)
@@ -67,8 +78,21 @@ static bool unpack_bottom(const struct structure *bottom, struct memory *memory,
     if (is_round)
         unpack_round(bottom, shape.vertices, unpacked);
     else
-        unpack_triangles(bottom, unpacked);
+        unpack_triangles(bottom, 0, unpacked->positions);
+    if (moves)
+        unpack_triangles(bottom, 1, unpacked->end_positions);
     return true;
+}
+
+/* Places a mesh by an instance, whose numbers it refers to. */
+static void place_mesh(const struct structure_instance *instance, struct oracle_mesh *mesh)
+{
+    static const enum oracle_motion motions[MOTION_TYPES] = {
+        [MOTION_STATIC] = ORACLE_STILL, [MOTION_MATRIX] = ORACLE_MATRIX, [MOTION_SRT] = ORACLE_SRT};
+    mesh->instance = instance->instance;
+    mesh->transform = instance->start;
+    mesh->motion = motions[instance->motion];
+    mesh->end_transform = mesh->motion == ORACLE_STILL ? NULL : instance->end;
 }
 
 static void add_meshes(struct unpacked *unpacked, const struct structure *bottom, const struct unpacked_bottom *from,
@@ -78,15 +102,17 @@ static void add_meshes(struct unpacked *unpacked, const struct structure *bottom
     for (uint32_t i = 0; i < bottom->geometry_count && from->positions; i++) {
         const struct structure_geometry *geometry = &bottom->geometries[i];
         uint64_t vertex = (uint64_t)geometry->first_primitive * shape.vertices;
-        unpacked->meshes[unpacked->mesh_count++] =
-            (struct oracle_mesh){.shape = shape.oracle,
-                                 .positions = from->positions + 3 * vertex,
-                                 .radii = from->radii ? from->radii + vertex : NULL,
-                                 .caps = from->caps ? from->caps + geometry->first_primitive : NULL,
-                                 .primitive_count = geometry->primitive_count,
-                                 .transform = instance ? instance->object_to_world : NULL,
-                                 .instance = instance ? instance->instance : RAY_NO_INSTANCE,
-                                 .geometry = geometry->geometry};
+        struct oracle_mesh *mesh = &unpacked->meshes[unpacked->mesh_count++];
+        *mesh = (struct oracle_mesh){.shape = shape.oracle,
+                                     .positions = from->positions + 3 * vertex,
+                                     .end_positions = from->end_positions ? from->end_positions + 3 * vertex : NULL,
+                                     .radii = from->radii ? from->radii + vertex : NULL,
+                                     .caps = from->caps ? from->caps + geometry->first_primitive : NULL,
+                                     .primitive_count = geometry->primitive_count,
+                                     .instance = RAY_NO_INSTANCE,
+                                     .geometry = geometry->geometry};
+        if (instance)
+            place_mesh(instance, mesh);
         unpacked->primitive_count += geometry->primitive_count;
     }
 }
@@ -186,8 +212,8 @@ void unpack_follow_inverses(struct unpacked *unpacked, const struct target_reade
 {
     for (uint32_t i = 0; i < unpacked->instance_count; i++) {
         float world_to_object[12];
-        reader->invert(unpacked->instances[i].object_to_world, world_to_object);
-        invert(world_to_object, unpacked->instances[i].object_to_world);
+        reader->invert(unpacked->instances[i].start, world_to_object);
+        invert(world_to_object, unpacked->instances[i].start);
     }
 }
 
@@ -197,6 +223,7 @@ void unpack_finish(struct unpacked *unpacked)
         return;
     for (uint32_t i = 0; i < unpacked->bottom_count; i++) {
         memory_free(unpacked->memory, unpacked->bottoms[i].positions);
+        memory_free(unpacked->memory, unpacked->bottoms[i].end_positions);
         memory_free(unpacked->memory, unpacked->bottoms[i].radii);
         memory_free(unpacked->memory, unpacked->bottoms[i].caps);
     }

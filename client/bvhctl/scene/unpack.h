@@ -13,7 +13,8 @@ struct target_reader;
 
 /* The primitives of a bottom level, by their flat numbers. All NULL: it has none. */
 struct unpacked_bottom {
-    float *positions; /* of their vertices; NaN for primitives that are not in the structure */
+    float *positions; /* of their vertices, at time 0; NaN for primitives that are not in the structure */
+    float *end_positions; /* of those that move, at time 1, else NULL */
     float *radii; /* of the vertices of round ones, else NULL */
     uint8_t *caps; /* of linear swept spheres, else NULL */
 };

@@ -227,7 +227,31 @@ static void test_time(void **state)
     expect_bad("bvhctl check a b --time 0", "--time");
     expect_bad("bvhctl check a b --time soon", "--time");
     expect_bad("bvhctl check a b --time 99999", "--time");
-    expect_bad("bvhctl trace a --device cpu -o p --time 5", "--time");
+    expect_bad("bvhctl inspect a --time 5", "--time");
+}
+
+static void test_shutter(void **state)
+{
+    (void)state;
+    struct view_options view = parse_good("bvhctl trace a --device cpu -o p").view;
+    assert_true(view.samples == 0 && !view.has_times);
+    view = parse_good("bvhctl trace a --device cpu -o p --samples 64 --times 0.25:0.75").view;
+    assert_true(view.samples == 64 && view.has_times && view.times[0] == 0.25f && view.times[1] == 0.75f);
+    view = parse_good("bvhctl trace a --device cpu -o p --times 1").view;
+    assert_true(view.has_times && view.times[0] == 1 && view.times[1] == 1);
+    static const char *const wrong[] = {"",    ":",    "0:",   ":1",    "0:0.5:1", "0.6:0.5", "-0.1:0.5",
+                                        "0:2", "soon", "0.5x", "0 : 1", "nan",     "0:nan",   "inf"};
+    for (size_t i = 0; i < sizeof wrong / sizeof *wrong; i++) {
+        struct view_options untouched = {.times = {-1, -1}};
+        struct bvhd_error error = {0};
+        assert_int_equal(options_view_times(wrong[i], &untouched, &error), BVHD_INVALID);
+        assert_string_equal(error.where, "--times");
+        assert_true(!untouched.has_times && untouched.times[0] == -1);
+    }
+    expect_bad("bvhctl trace a --device cpu -o p --samples 0", "--samples");
+    expect_bad("bvhctl trace a --device cpu -o p --samples 1025", "--samples");
+    expect_bad("bvhctl trace a --device cpu -o p --samples 4x", "--samples");
+    expect_bad("bvhctl check a b --samples 4", "--samples");
 }
 
 static void test_stop(void **state)
@@ -345,6 +369,7 @@ int main(void)
         cmocka_unit_test(test_bad_values),
         cmocka_unit_test(test_want_json),
         cmocka_unit_test(test_service),
+        cmocka_unit_test(test_shutter),
         cmocka_unit_test(test_stop),
         cmocka_unit_test(test_time),
         cmocka_unit_test(test_volume),

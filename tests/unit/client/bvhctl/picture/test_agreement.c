@@ -11,7 +11,7 @@
 #include "client/bvhctl/scene/target_reader.h"
 #include "client/bvhctl/scene/unpack.h"
 
-enum { RAYS = 4000, FEW_PIXELS = 1 };
+enum { RAYS = 4000, FEW_SAMPLES = 4 };
 
 /* A world, rays through it, and the CPU's answers, which tests falsify. */
 struct court {
@@ -33,26 +33,26 @@ static void trace_rays(void)
     }
 }
 
-static void open_court_for(uint32_t threads, uint64_t pixels, const struct bvhd_format *format)
+static void open_court_for(uint32_t threads, uint64_t samples, const struct bvhd_format *format)
 {
     uint64_t state = 3;
     test_world_init_for(&court.world, threads, format);
     const struct local *local = &court.world.local;
     assert_int_equal(surfaces_init(&court.surfaces, &court.world.structures, &court.world.local.memory, NULL), BVHD_OK);
-    agreement_init(&court.agreement, &court.surfaces, pixels, local->parallel, &court.world.local.memory);
+    agreement_init(&court.agreement, &court.surfaces, samples, local->parallel, &court.world.local.memory);
     for (int i = 0; i < RAYS; i++) {
         struct vector from =
             vector_make(20 * rays_uniform(&state) - 10, 8 * rays_uniform(&state) - 2, 20 * rays_uniform(&state) - 10);
         struct vector to =
             vector_make(6 * rays_uniform(&state) - 2, 2 * rays_uniform(&state), 4 * rays_uniform(&state) - 2);
-        court.rays[i] = stage_ray(from, vector_unit(vector_sub(to, from)));
+        court.rays[i] = stage_ray(from, vector_unit(vector_sub(to, from)), 0);
     }
     trace_rays();
 }
 
-static void open_court(uint32_t threads, uint64_t pixels)
+static void open_court(uint32_t threads, uint64_t samples)
 {
-    open_court_for(threads, pixels, NULL);
+    open_court_for(threads, samples, NULL);
 }
 
 static void close_court(void)
@@ -83,7 +83,7 @@ static unsigned falsify(bool (*change)(int ray, struct tracer_hit *hit))
 
 static void expect_liars_found(bool (*change)(int ray, struct tracer_hit *hit))
 {
-    open_court(2, FEW_PIXELS);
+    open_court(2, FEW_SAMPLES);
     unsigned changed = falsify(change);
     assert_true(changed > 20);
     assert_int_equal(court.agreement.differing, changed);
@@ -102,7 +102,7 @@ static bool leave(int ray, struct tracer_hit *hit)
 static void test_honest(void **state)
 {
     (void)state;
-    open_court(2, FEW_PIXELS);
+    open_court(2, FEW_SAMPLES);
     falsify(leave);
     assert_int_equal(court.agreement.differing, 0);
     assert_int_equal(court.agreement.mismatches + court.agreement.uncertain, 0);
@@ -220,7 +220,7 @@ static bool round_t(int ray, struct tracer_hit *hit)
 static void test_rounding(void **state)
 {
     (void)state;
-    open_court(1, FEW_PIXELS);
+    open_court(1, FEW_SAMPLES);
     for (int i = 0; i < RAYS; i++)
         court.hits[i].u = -1;
     assert_true(falsify(round_t) > RAYS / 2);
@@ -235,9 +235,9 @@ static void test_rounding(void **state)
 static void test_grazing(void **state)
 {
     (void)state;
-    open_court(1, FEW_PIXELS);
-    court.rays[0] = stage_ray(vector_make(-5, 2.0001, 0), vector_unit(vector_make(5, -0.0001, 0)));
-    court.rays[1] = stage_ray(vector_make(0.2, 7, 0.1), vector_make(0, -1, 0));
+    open_court(1, FEW_SAMPLES);
+    court.rays[0] = stage_ray(vector_make(-5, 2.0001, 0), vector_unit(vector_make(5, -0.0001, 0)), 0);
+    court.rays[1] = stage_ray(vector_make(0.2, 7, 0.1), vector_make(0, -1, 0), 0);
     trace_rays();
     assert_true(fabsf(court.hits[0].t - 5) < 0.1f && court.hits[0].instance == 1 && court.hits[1].t == 5);
     court.hits[0].t += 0.01f;
@@ -252,9 +252,9 @@ static void test_grazing(void **state)
 static void test_ties_and_doubt(void **state)
 {
     (void)state;
-    open_court(1, FEW_PIXELS);
-    court.rays[0] = stage_ray(vector_make(5, 4, 5), vector_make(0, -1, 0));
-    court.rays[1] = stage_ray(vector_make(8, 4, 5), vector_make(0, -1, 0));
+    open_court(1, FEW_SAMPLES);
+    court.rays[0] = stage_ray(vector_make(5, 4, 5), vector_make(0, -1, 0), 0);
+    court.rays[1] = stage_ray(vector_make(8, 4, 5), vector_make(0, -1, 0), 0);
     trace_rays();
     assert_true(is_hit(&court.hits[0]) && court.hits[0].instance == 0);
     court.hits[0].primitive ^= 1;
@@ -279,7 +279,7 @@ static void test_any_hit(void **state)
 {
     (void)state;
     for (int lies = 0; lies < 2; lies++) {
-        open_court(2, FEW_PIXELS);
+        open_court(2, FEW_SAMPLES);
         for (int i = 0; i < RAYS; i++)
             court.rays[i].flags = RAY_TERMINATE_ON_FIRST_HIT;
         trace_rays();
@@ -314,7 +314,7 @@ static void test_many(void **state)
 {
     (void)state;
     enum { ROUNDS = 120, SAMPLE = 1 << 16 };
-    open_court(2, FEW_PIXELS);
+    open_court(2, FEW_SAMPLES);
     uint64_t wrong = ROUNDS * count_hits();
     watch_misses(ROUNDS);
     assert_int_equal(agreement_judge(&court.agreement, INFINITY, NULL, NULL, NULL), BVHD_OK);
@@ -331,7 +331,7 @@ static void test_many(void **state)
 static void test_limits(void **state)
 {
     (void)state;
-    open_court(2, FEW_PIXELS);
+    open_court(2, FEW_SAMPLES);
     uint64_t wrong = count_hits();
     watch_misses(1);
     assert_int_equal(agreement_judge(&court.agreement, 0, NULL, NULL, NULL), BVHD_OK);
@@ -350,7 +350,7 @@ static bool lie_rarely(int ray, struct tracer_hit *hit)
 static void test_disputed(void **state)
 {
     (void)state;
-    open_court(2, FEW_PIXELS);
+    open_court(2, FEW_SAMPLES);
     for (int i = 0; i < RAYS; i++)
         lie_rarely(i, &court.hits[i]);
     assert_int_equal(agreement_watch(&court.agreement, true, court.rays, court.hits, RAYS, NULL), BVHD_OK);
@@ -364,7 +364,7 @@ static void test_disputed(void **state)
 static void test_stride(void **state)
 {
     (void)state;
-    open_court(1, UINT64_C(4) << 20); /* 16 million camera rays, 80 million others */
+    open_court(1, UINT64_C(16) << 20); /* 16 million camera rays, 80 million others */
     uint32_t first = 0;
     for (uint32_t count = 1; first < RAYS; first += count, count = count * 2 + 1) {
         count = RAYS - first < count ? RAYS - first : count;
@@ -387,7 +387,7 @@ static void test_doubt(void **state)
 {
     (void)state;
     for (int lies = 0; lies < 2; lies++) {
-        open_court(2, FEW_PIXELS);
+        open_court(2, FEW_SAMPLES);
         uint64_t changed = 0;
         for (int i = 0; i < 1000 && lies; i++)
             changed += miss_some(i, &court.hits[i]);
@@ -413,10 +413,10 @@ static void displace(bool is_other_side, float ret_matrix[12])
 {
     struct structure_instance instance;
     struct unpacked unpacked = {.instances = &instance, .instance_count = 1};
-    memcpy(instance.object_to_world, sheared, sizeof sheared);
+    memcpy(instance.start, sheared, sizeof sheared);
     unpack_follow_inverses(&unpacked, target_reader_find(TARGET_LAVAPIPE));
     for (int i = 0; i < 12; i++)
-        ret_matrix[i] = is_other_side ? 2 * sheared[i] - instance.object_to_world[i] : instance.object_to_world[i];
+        ret_matrix[i] = is_other_side ? 2 * sheared[i] - instance.start[i] : instance.start[i];
 }
 
 /* Makes a court with that cube, and rays that pass its upper rim closely. */
@@ -424,11 +424,11 @@ static void open_court_at_rim(const struct bvhd_format *format, const float matr
 {
     uint64_t state = 5;
     test_world_place(3, matrix);
-    open_court_for(2, FEW_PIXELS, format);
+    open_court_for(2, FEW_SAMPLES, format);
     for (int i = 0; i < RAYS; i++) {
         double beside = 2e-3 * rays_uniform(&state) - 1e-3;
         struct vector from = vector_make(4.0099 + beside + 1, 1.5299 + beside - 1, 0.4 + 0.6 * rays_uniform(&state));
-        court.rays[i] = stage_ray(from, vector_unit(vector_make(-1, 1, 0)));
+        court.rays[i] = stage_ray(from, vector_unit(vector_make(-1, 1, 0)), 0);
         court.rays[i].flags |= flags;
     }
     trace_rays();
@@ -472,7 +472,7 @@ static void test_drivers_inverse(void **state)
 static void test_no_memory(void **state)
 {
     (void)state;
-    open_court(1, FEW_PIXELS);
+    open_court(1, FEW_SAMPLES);
     struct memory *memory = &court.world.local.memory;
     enum bvhd_status status = BVHD_NO_MEMORY;
     uint64_t live = memory->live;
@@ -482,7 +482,7 @@ static void test_no_memory(void **state)
     for (; status != BVHD_OK; after++) {
         agreement_finish(&court.agreement);
         assert_int_equal(memory->live, live);
-        agreement_init(&court.agreement, &court.surfaces, FEW_PIXELS, court.world.local.parallel, memory);
+        agreement_init(&court.agreement, &court.surfaces, FEW_SAMPLES, court.world.local.parallel, memory);
         atomic_store(&memory->fail_after, after);
         status = agreement_watch(&court.agreement, true, court.rays, court.hits, 50, NULL);
         if (status == BVHD_OK)

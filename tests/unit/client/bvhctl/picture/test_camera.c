@@ -44,7 +44,8 @@ static void open_set(struct set *set, const struct mesh *mesh, char up, const st
                                   .triangle_count = mesh->triangle_count};
     test_world_init_from(&set->world, 2, &import);
     struct local *local = &set->world.local;
-    assert_int_equal(stage_init(&set->stage, &set->world.structures, up, &local->memory, NULL), BVHD_OK);
+    assert_int_equal(
+        stage_init(&set->stage, &set->world.structures, up, (struct stage_times){0, 1}, &local->memory, NULL), BVHD_OK);
     assert_int_equal(camera_choose(&set->stage, options, local->parallel, &local->memory, &set->camera, &rays, NULL),
                      BVHD_OK);
 }
@@ -64,7 +65,7 @@ static double part_of_picture(const struct set *set, struct vector middle, doubl
     for (int i = 0; i < WIDTH * HEIGHT; i++) {
         struct stage_hit hit;
         struct vector direction = camera_direction(&set->camera, (i % WIDTH + 0.5) / WIDTH, (i / WIDTH + 0.5) / HEIGHT);
-        hits += stage_look(&set->stage, set->camera.origin, direction, &hit) &&
+        hits += stage_look(&set->stage, set->camera.origin, direction, 0, &hit) &&
                 vector_length(vector_sub(hit.position, middle)) <= reach;
     }
     return hits / (double)(WIDTH * HEIGHT);

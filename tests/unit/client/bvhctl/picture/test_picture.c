@@ -13,6 +13,7 @@
 
 enum { WIDTH = 64, HEIGHT = 36 };
 
+static const struct stage_times all_times = {0, 1};
 static const struct camera_options wanted = {.aspect = (double)WIDTH / HEIGHT};
 
 /* A world with its stage, camera, light and tracer. */
@@ -30,7 +31,8 @@ static void open_studio(struct studio *studio, uint32_t threads)
     uint64_t rays = 0;
     test_world_init(&studio->world, threads);
     struct local *local = &studio->world.local;
-    assert_int_equal(stage_init(&studio->stage, &studio->world.structures, 'a', &local->memory, NULL), BVHD_OK);
+    assert_int_equal(stage_init(&studio->stage, &studio->world.structures, 'a', all_times, &local->memory, NULL),
+                     BVHD_OK);
     assert_int_equal(
         camera_choose(&studio->stage, &wanted, local->parallel, &local->memory, &studio->camera, &rays, NULL), BVHD_OK);
     assert_true(rays > 0);
@@ -78,9 +80,9 @@ static void test_stage(void **state)
     assert_true(stage->sample_count > 0 && stage->sample_count <= STAGE_SAMPLES);
     assert_true(stage->floor < 0 && stage->floor > -0.1);
     struct stage_hit hit;
-    assert_true(stage_look(stage, vector_make(0.25, 10, 0.5), vector_make(0, -1, 0), &hit));
+    assert_true(stage_look(stage, vector_make(0.25, 10, 0.5), vector_make(0, -1, 0), 0, &hit));
     assert_true(fabs(hit.distance - 8) < 1e-6 && fabs(hit.normal.y - 1) < 1e-6 && hit.instance == 1);
-    assert_true(isinf(stage_clearance(stage, vector_make(20, 10, 0), vector_make(0, -1, 0))));
+    assert_true(isinf(stage_clearance(stage, vector_make(20, 10, 0), vector_make(0, -1, 0), 0)));
     close_studio(&studio);
 }
 
@@ -92,7 +94,8 @@ static void test_up(void **state)
     test_world_init(&world, 1);
     for (int i = 0; i < 3; i++) {
         struct stage stage;
-        assert_int_equal(stage_init(&stage, &world.structures, (char)('x' + i), &world.local.memory, NULL), BVHD_OK);
+        assert_int_equal(stage_init(&stage, &world.structures, (char)('x' + i), all_times, &world.local.memory, NULL),
+                         BVHD_OK);
         struct vector up = vector_cross(stage.east, stage.north);
         assert_true(up.x == stage.up.x && up.y == stage.up.y && up.z == stage.up.z);
         assert_true((i == 0 ? up.x : i == 1 ? up.y : up.z) == 1);
@@ -107,7 +110,7 @@ static unsigned count_hits(const struct stage *stage, const struct camera *camer
     for (int i = 0; i < WIDTH * HEIGHT; i++) {
         struct stage_hit hit;
         hits += stage_look(stage, camera->origin,
-                           camera_direction(camera, (i % WIDTH + 0.5) / WIDTH, (i / WIDTH + 0.5) / HEIGHT), &hit);
+                           camera_direction(camera, (i % WIDTH + 0.5) / WIDTH, (i / WIDTH + 0.5) / HEIGHT), 0, &hit);
     }
     return hits;
 }
@@ -147,7 +150,7 @@ static void test_few_triangles(void **state)
         struct local *local = &world.local;
         struct structures alone;
         open_alone(&world, (uint32_t)i / 4, &alone);
-        assert_int_equal(stage_init(&stage, &alone, "xyza"[i % 4], &local -> memory, NULL), BVHD_OK);
+        assert_int_equal(stage_init(&stage, &alone, "xyza"[i % 4], all_times, &local -> memory, NULL), BVHD_OK);
         assert_true(stage.even_count >= 256 && stage.even_count <= STAGE_EVEN_SAMPLES);
         assert_true(fabs(stage.size - (i < 4 ? 16 * sqrt(2) : 2 * sqrt(3))) < 1e-3);
         assert_int_equal(camera_choose(&stage, &wanted, local->parallel, &local->memory, &camera, &rays, NULL),

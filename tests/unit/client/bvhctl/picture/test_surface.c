@@ -37,7 +37,7 @@ static struct ray random_ray(uint64_t *state)
         vector_make(40 * rays_uniform(state) - 20, 20 * rays_uniform(state) - 10, 40 * rays_uniform(state) - 20);
     struct vector to =
         vector_make(8 * rays_uniform(state) - 4, 3 * rays_uniform(state) - 0.5, 8 * rays_uniform(state) - 4);
-    return stage_ray(from, vector_unit(vector_sub(to, from)));
+    return stage_ray(from, vector_unit(vector_sub(to, from)), 0);
 }
 
 /* The surface that is found by number is the one that the CPU's ray hits. */
@@ -51,7 +51,8 @@ static void test_same_as_stage(void **state)
     unsigned hits = 0;
     open_world(&world, &surfaces);
     assert_int_equal(surfaces.instance_count, TEST_WORLD_INSTANCES);
-    assert_int_equal(stage_init(&stage, &world.structures, 'y', &world.local.memory, NULL), BVHD_OK);
+    assert_int_equal(stage_init(&stage, &world.structures, 'y', (struct stage_times){0, 1}, &world.local.memory, NULL),
+                     BVHD_OK);
     for (int i = 0; i < 4000; i++) {
         struct ray ray = random_ray(&random);
         struct tracer_hit hit = cpu_hit(&world.structures, &ray);
@@ -60,7 +61,7 @@ static void test_same_as_stage(void **state)
         struct vector origin = vector_make((double)ray.origin[0], (double)ray.origin[1], (double)ray.origin[2]);
         struct vector direction =
             vector_make((double)ray.direction[0], (double)ray.direction[1], (double)ray.direction[2]);
-        assert_int_equal(is_met, stage_look(&stage, origin, direction, &expected));
+        assert_int_equal(is_met, stage_look(&stage, origin, direction, 0, &expected));
         if (!is_met)
             continue;
         hits++;
@@ -83,7 +84,7 @@ static void test_corners(void **state)
     struct surfaces surfaces;
     struct surface surface;
     open_world(&world, &surfaces);
-    const struct ray ray = stage_ray(vector_make(0, 0, 0), vector_make(0, 1, 0));
+    const struct ray ray = stage_ray(vector_make(0, 0, 0), vector_make(0, 1, 0), 0);
     struct tracer_hit hit = {.t = 1, .instance = 3, .primitive = 0};
     assert_true(surfaces_find(&surfaces, &ray, &hit, &surface));
     static const struct vector corners[3] = {{2.5, 0, -0.5}, {2.5, 1, -0.5}, {3.5, 0, -0.5}};
@@ -117,7 +118,7 @@ static void test_nothing_there(void **state)
         {.t = 1, .instance = 0, .primitive = 2},
         {.t = 1, .instance = TEST_WORLD_INSTANCES, .flags = TRACER_AABB},
     };
-    struct ray ray = stage_ray(vector_make(0, 0, 0), vector_make(0, 1, 0));
+    struct ray ray = stage_ray(vector_make(0, 0, 0), vector_make(0, 1, 0), 0);
     for (size_t i = 0; i < sizeof hits / sizeof *hits; i++) {
         assert_false(surfaces_find(&surfaces, &ray, &hits[i], &surface));
         assert_false(surfaces_meet(&surfaces, &ray, &hits[i], &met));
@@ -136,7 +137,7 @@ static void test_aabb(void **state)
     struct surfaces surfaces;
     struct stage_hit met;
     open_world(&world, &surfaces);
-    struct ray ray = stage_ray(vector_make(0, 5, 0), vector_make(0, -1, 0));
+    struct ray ray = stage_ray(vector_make(0, 5, 0), vector_make(0, -1, 0), 0);
     struct tracer_hit hit = {.t = 2, .instance = 3, .flags = TRACER_AABB};
     assert_true(surfaces_meet(&surfaces, &ray, &hit, &met));
     assert_true(met.normal.y == 1 && met.position.y == 3 && met.instance == 3 && met.handle == 1);

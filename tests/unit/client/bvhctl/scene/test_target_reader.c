@@ -39,7 +39,7 @@ static void check_triangles(const struct structure *bottom, const struct import_
     for (uint32_t row = 0; row < structure_triangle_count(bottom); row++) {
         float corners[3][3];
         uint32_t primitive;
-        structure_triangle(bottom, row, corners, &primitive);
+        structure_triangle(bottom, row, 0, corners, &primitive);
         assert_in_range(primitive, 0, mesh->primitive_count - 1);
         for (int i = 0; i < 3; i++)
             assert_memory_equal(corners[i], mesh->positions + 3 * mesh->indices[3 * primitive + (unsigned)i],
@@ -58,7 +58,7 @@ static void check_instances(const struct structure *top, const struct import *im
         const struct import_instance *source = &import->instances[instance.instance];
         assert_false(source->skipped);
         assert_int_equal(instance.bottom, source->bottom);
-        assert_memory_equal(instance.object_to_world, source->transform, sizeof source->transform);
+        assert_memory_equal(instance.start, source->transform, sizeof source->transform);
     }
 }
 
@@ -89,7 +89,7 @@ static void check_trace(const struct structures *structures)
     float corners[3][3];
     assert_true(structures_trace(structures, &ray, &hit));
     assert_true(hit.t == 7 && hit.instance == 1 && hit.handle == 1);
-    structures_corners(structures, &hit, corners);
+    structures_corners(structures, &hit, 0, corners);
     for (int i = 0; i < 3; i++)
         assert_true(corners[i][1] == 1);
 }

@@ -191,7 +191,7 @@ static void normals_point_to_the_viewer(void **state)
     (void)state;
     open_world(&world);
     assert_int_equal(surfaces_init(&surfaces, &world.structures, &world.local.memory, NULL), BVHD_OK);
-    struct ray ray = stage_ray(vector_make(4, 0, 10), vector_make(0, 0, -1));
+    struct ray ray = stage_ray(vector_make(4, 0, 10), vector_make(0, 0, -1), 0);
     assert_true(structures_trace(&world.structures, &ray, &hit));
     struct tracer_hit made = tracer_hit_of(&hit);
     assert_true(surfaces_meet(&surfaces, &ray, &made, &met));
@@ -199,7 +199,7 @@ static void normals_point_to_the_viewer(void **state)
     assert_true(vector_length(vector_sub(met.normal, vector_make(0, 0, 1))) < 1e-6);
     assert_true(vector_length(vector_sub(met.position, vector_make(4, 0, 1))) < 1e-6);
     /* The side of the first line, whose instance is twice as large and lifted: normals lean by how fast it widens. */
-    ray = stage_ray(vector_make(3, 100, 0.2), vector_make(0, -1, 0));
+    ray = stage_ray(vector_make(3, 100, 0.2), vector_make(0, -1, 0), 0);
     assert_true(structures_trace(&world.structures, &ray, &hit));
     made = tracer_hit_of(&hit);
     assert_true(surfaces_meet(&surfaces, &ray, &made, &met));

@@ -21,7 +21,7 @@ static void make_rays(struct ray *rays)
             vector_make(20 * rays_uniform(&state) - 10, 8 * rays_uniform(&state) - 2, 20 * rays_uniform(&state) - 10);
         struct vector to =
             vector_make(6 * rays_uniform(&state) - 2, 2 * rays_uniform(&state), 4 * rays_uniform(&state) - 2);
-        rays[i] = stage_ray(from, vector_unit(vector_sub(to, from)));
+        rays[i] = stage_ray(from, vector_unit(vector_sub(to, from)), 0);
         rays[i].flags = i % 3 == 1 ? RAY_CULL_BACK_FACING : 0;
         rays[i].cull_mask = i % 5 == 4 ? 0 : 0xff;
     }
