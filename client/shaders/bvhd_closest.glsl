@@ -98,9 +98,11 @@ void set_order()
 /*
  * Bounds how far a structure's points may be from the ray's origin and from 0, as a length and as a t. Steps are
  * multiplied by 2^24 (step_of), and are not larger than the coordinates (vulkan_contents.c checks it): the products
- * have to be finite floats. Rays beyond the bound are left to the query.
+ * have to be finite floats. So have the volumes of test_triangle, which are at most 24 times the product of two ways
+ * and of a way or the direction: LARGEST bounds the components of all of them. Rays beyond a bound are left to the
+ * query.
  */
-const float FARTHEST = 1.0e31;
+const float FARTHEST = 1.0e31, LARGEST = 1.0995116e12;
 
 // The data with which a ray enters a structure.
 struct Entry {
@@ -145,7 +147,8 @@ Entry entry_of(uvec2 location, vec3 from, vec3 towards, float low_origin, float 
     bool is_met = max(max(near.x, near.y), max(near.z, tmin)) <= min(min(far.x, far.y), min(far.z, high));
     entry.can_hit = longest > 0.0 && bvhdIsFinite(from) && bvhdIsFinite(towards) && !extent.isEmpty;
     float reach = max(farthest, max(bvhdLargest(extent.lowest), bvhdLargest(extent.highest)));
-    if (entry.can_hit && reach * max(bvhdLargest(entry.inverse), 1.0) > FARTHEST)
+    if (entry.can_hit &&
+        (reach * max(bvhdLargest(entry.inverse), 1.0) > FARTHEST || max(reach, longest) > LARGEST))
         last_undecided = FALLBACK;
     entry.can_hit = entry.can_hit && is_met && last_undecided != FALLBACK;
     return entry;

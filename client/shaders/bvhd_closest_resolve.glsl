@@ -18,7 +18,7 @@
 #define EXACT_TRIANGLE_HIT exact_triangle_hit
 #else
 #define ExactRay BvhdTriangleRay
-#define EXACT_RAY(origin, direction) BvhdTriangleRay(origin, direction, vec3(0.0), vec3(0.0))
+#define EXACT_RAY(origin, direction) BvhdTriangleRay(origin, direction, vec3(0.0), vec3(0.0), false)
 #define EXACT_ENTER bvhdToObject
 #define EXACT_TRIANGLE_HIT bvhdTriangleHit
 #endif

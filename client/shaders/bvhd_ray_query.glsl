@@ -131,6 +131,7 @@ bool bvhdEnter(inout BvhdRayQuery query, uvec2 location)
     query.body = BVHD_BODY_SEEN(query, location, extent);
     BvhdTriangleRay ray = query.triangleRay;
     bool canHit = bvhdBoxRayInit(ray.origin, ray.originLow, ray.direction, query.tmin, extent, query.boxRay);
+    query.triangleRay.isLarge = bvhdIsLarge(ray.origin, ray.direction, extent);
 #ifdef BVHD_ROUND
     canHit = canHit && query.body.content <= BVHD_CONTENT_SWEPT_SPHERES;
 #elif !defined BVHD_NOTHING_ROUND
@@ -417,7 +418,7 @@ BvhdBody bvhdBodyOf(BvhdRayQuery query, BvhdIntersection intersection)
 // The ray in the object space of an intersection.
 BvhdTriangleRay bvhdRayOf(BvhdRayQuery query, BvhdIntersection intersection)
 {
-    BvhdTriangleRay ray = BvhdTriangleRay(query.origin, query.direction, vec3(0.0), vec3(0.0));
+    BvhdTriangleRay ray = BvhdTriangleRay(query.origin, query.direction, vec3(0.0), vec3(0.0), false);
     if (intersection.instance != BVHD_NO_INSTANCE)
         bvhdToObject(ray, bvhdTopOf(query), intersection.instance);
     return ray;

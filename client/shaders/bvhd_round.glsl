@@ -59,9 +59,12 @@ bool bvhdAxisMayHit(BvhdTriangleRay ray, vec3 s, vec3 axis, float radius)
              1.000002 * radius * length(n) + 4.0e-6 * bvhdSumOfSizes(s) + bvhdSumOfSizes(ray.originLow));
 }
 
-// Returns false when nothing is hit between tmin and tmax; otherwise bvhdRoundHit has to decide.
+// Returns false when nothing is hit between tmin and tmax; otherwise bvhdRoundHit has to decide, as it has in a large
+// structure.
 bool bvhdRoundMayHit(BvhdTriangleRay ray, float tmin, float tmax, vec4 ends[2])
 {
+    if (ray.isLarge)
+        return true;
     vec3 s = ends[0].xyz - ray.origin, axis = ends[1].xyz - ends[0].xyz;
     float radius = max(ends[0].w, ends[1].w), size = length(axis);
     return bvhdBallMayHit(ray, tmin, tmax, s + 0.5 * axis, radius + 0.5 * size) &&

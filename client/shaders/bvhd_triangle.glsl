@@ -88,6 +88,7 @@ vec2 bvhdDivide(vec2 a, vec2 b)
 struct BvhdTriangleRay {
     vec3 origin, direction;
     vec3 originLow, directionLow;
+    bool isLarge; // bvhdIsLarge of the structure that it is in
 };
 
 struct BvhdTriangleHit {
@@ -97,6 +98,18 @@ struct BvhdTriangleHit {
 };
 
 /* ---- The float test ---- */
+
+/*
+ * Whether products of the float tests could overflow for primitives within these bounds. Compilers may assume that
+ * nothing is infinite or NaN, so that a test whose products are could drop what is hit. With f the largest component of
+ * the way from the origin to a point of the structure, and D that of the direction, components of edges are at most 2 f
+ * and volumes at most 24 f * f * max(f, D), which has to be below 2^127.
+ */
+bool bvhdIsLarge(vec3 origin, vec3 direction, BvhdExtent extent)
+{
+    float farthest = max(bvhdLargest(extent.lowest - origin), bvhdLargest(extent.highest - origin));
+    return max(farthest, bvhdLargest(direction)) > 1.0995116e12;
+}
 
 float bvhdSumOfSizes(vec3 value)
 {
@@ -114,11 +127,15 @@ struct BvhdTriangleGuess {
  * absolute components of s and of both edges, u = 2^-24 and l the rounding error of the origin. Each component of d x e
  * has an error of at most 4u D E, a volume one of 8u D E S + 3 l D E, and the third one the sum of all. So (12u (S + E)
  * + 4 l) D E covers them and the shift of vertices in bvhdTriangleHit; with E * E for D E it covers the numerator of t.
- * The last term covers underflow. Returns false when the triangle is missed, or not within tmin .. tmax.
+ * The last term covers underflow. Returns false when the triangle is missed, or not within tmin .. tmax. In a large
+ * structure bvhdTriangleHit decides every triangle.
  */
 bool bvhdTriangleMayHit(BvhdTriangleRay ray, float tmin, float tmax, vec3 v0, vec3 v1, vec3 v2,
                         out BvhdTriangleGuess guess)
 {
+    guess = BvhdTriangleGuess(false, 0.0, 0.0, false);
+    if (ray.isLarge)
+        return true;
     vec3 e1 = v1 - v0, e2 = v2 - v0, s = ray.origin - v0;
     vec3 p = cross(ray.direction, e2), q = cross(s, e1);
     float det = dot(e1, p), u = dot(s, p), v = dot(ray.direction, q);
