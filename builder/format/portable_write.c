@@ -166,8 +166,9 @@ static void prefetch_node(const struct portable_writer *w, const struct wide_nod
 {
     gather_refs(w, wide, ret_refs);
     portable_records_prefetch(&w->records, ret_refs->refs, ret_refs->count);
-    for (unsigned slot = 0; slot < WIDE_ARITY; slot++)
-        __builtin_prefetch(&w->input->ir->boxes[0][wide->slots[slot].node]);
+    for (uint32_t key = 0; key < w->input->ir->key_count; key++)
+        for (unsigned slot = 0; slot < WIDE_ARITY; slot++)
+            __builtin_prefetch(&w->input->ir->boxes[key][wide->slots[slot].node]);
 }
 
 static size_t node_chunks(const struct portable_writer *w)

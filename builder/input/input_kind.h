@@ -80,10 +80,16 @@ struct input_kind {
     struct classification (*look_at_keys)(const struct canonical *canonical, const struct canonical_geometry *geometry,
                                           uint32_t index, struct box ret_boxes[2]);
     /*
-     * Grows two boxes by those of a primitive that has a ref, at t = 0 and at t = 1. NULL: look_at_keys, or look, finds
-     * them.
+     * Grows two boxes by those of primitives that have a ref, at t = 0 and at t = 1. `ids` are flat. NULL:
+     * look_at_keys, or look, finds them.
      */
-    void (*grow_keys)(const struct canonical_geometry *geometry, uint32_t index, struct vec4_box *boxes);
+    void (*grow_keys)(const struct canonical_geometry *geometry, const uint32_t *ids, uint32_t count,
+                      struct vec4_box *boxes);
+    /*
+     * Fetches into the cache what grow_keys will read of one primitive: in step 0 its indices, and in step 1, when
+     * these are there, its vertices. NULL: nothing is far apart.
+     */
+    void (*prefetch_keys)(const struct canonical_geometry *geometry, uint32_t id, int step);
     /* Makes the refs of primitives [first, end), counts those that get none, and returns the number of refs. */
     uint32_t (*collect)(const struct canonical *canonical, const struct canonical_geometry *geometry, uint32_t first,
                         uint32_t end, struct classification_counts *counts, struct primitive_ref *refs);

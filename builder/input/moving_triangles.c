@@ -148,6 +148,7 @@ const struct input_kind input_moving_triangles = {
     .look = look,
     .look_at_keys = look_at_keys,
     .grow_keys = triangles_refs_grow_keys,
+    .prefetch_keys = triangles_refs_prefetch_keys,
     .collect = collect,
     .outline = outline,
 };

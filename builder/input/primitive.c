@@ -37,19 +37,42 @@ static void grow_slowly(const struct primitive_finder *finder, uint32_t index, s
     }
 }
 
+static bool is_inside(const struct primitive_finder *finder, uint32_t id)
+{
+    /* wraps around for primitives below the first one */
+    return finder->geometry && id - finder->geometry->first_primitive < finder->geometry->primitive_count;
+}
+
+/* Finds the geometry of the first of these primitives, and returns how many from there on are in it. */
+static inline uint32_t find(struct primitive_finder *finder, const uint32_t *ids, uint32_t count)
+{
+    uint32_t same = 1;
+    if (!is_inside(finder, ids[0])) {
+        finder->geometry = &finder->canonical->geometries[canonical_geometry_of(finder->canonical, ids[0])];
+        finder->kind = input_kind_of(finder->geometry->type);
+    }
+    while (same < count && is_inside(finder, ids[same]))
+        same++;
+    return same;
+}
+
 void primitive_grow_keys(struct primitive_finder *finder, const uint32_t *ids, uint32_t count, struct vec4_box *boxes)
 {
-    for (uint32_t i = 0; i < count; i++) {
-        const struct canonical *canonical = finder->canonical;
-        if (!finder->geometry || ids[i] - finder->geometry->first_primitive >= finder->geometry->primitive_count) {
-            finder->geometry = &canonical->geometries[canonical_geometry_of(canonical, ids[i])];
-            finder->kind = input_kind_of(finder->geometry->type);
-        }
-        const uint32_t index = ids[i] - finder->geometry->first_primitive;
+    for (uint32_t i = 0, same; i < count; i += same) {
+        same = find(finder, ids + i, count - i);
         if (finder->kind->grow_keys)
-            finder->kind->grow_keys(finder->geometry, index, boxes);
-        else
-            grow_slowly(finder, index, boxes);
+            finder->kind->grow_keys(finder->geometry, ids + i, same, boxes);
+        for (uint32_t k = i; !finder->kind->grow_keys && k < i + same; k++)
+            grow_slowly(finder, ids[k] - finder->geometry->first_primitive, boxes);
+    }
+}
+
+void primitive_prefetch_keys(struct primitive_finder *finder, const uint32_t *ids, uint32_t count, int step)
+{
+    for (uint32_t i = 0; i < count; i++) {
+        find(finder, ids + i, 1);
+        if (finder->kind->prefetch_keys)
+            finder->kind->prefetch_keys(finder->geometry, ids[i], step);
     }
 }
 

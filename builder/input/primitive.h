@@ -67,7 +67,7 @@ struct box primitive_box(const struct canonical *canonical, const struct canonic
 void primitive_key_boxes(const struct canonical *canonical, const struct canonical_geometry *geometry, uint32_t index,
                          struct box ret_boxes[2]);
 
-/* Where primitive_grow_keys found its last primitive; the others are zero before the first call. */
+/* Where the following functions found their last primitive; all but `canonical` are zero before the first call. */
 struct primitive_finder {
     const struct canonical *canonical;
     const struct canonical_geometry *geometry;
@@ -79,6 +79,9 @@ struct primitive_finder {
  * have refs. The sign of zeros may differ.
  */
 void primitive_grow_keys(struct primitive_finder *finder, const uint32_t *ids, uint32_t count, struct vec4_box *boxes);
+
+/* Fetches what primitive_grow_keys will read into the cache, in two steps (input_kind.h). */
+void primitive_prefetch_keys(struct primitive_finder *finder, const uint32_t *ids, uint32_t count, int step);
 
 /*
  * Makes the refs of all primitives. On success the caller frees ret_refs->refs and ret_refs->blocks from

@@ -299,6 +299,7 @@ const struct input_kind input_triangles = {
     .check_foreign = triangles_check_foreign,
     .look = triangles_refs_look,
     .grow_keys = triangles_refs_grow_keys,
+    .prefetch_keys = triangles_refs_prefetch_keys,
     .collect = triangles_refs_collect,
     .outline = outline,
 };

@@ -99,16 +99,37 @@ static bool fast_moving_ref(const struct canonical_geometry *geometry, uint32_t 
     return true;
 }
 
-void triangles_refs_grow_keys(const struct canonical_geometry *geometry, uint32_t index, struct vec4_box *boxes)
+/* Infinite corners, which only ALLOW_UPDATE keeps, are clamped when all boxes have been added. */
+void triangles_refs_grow_keys(const struct canonical_geometry *geometry, const uint32_t *ids, uint32_t count,
+                              struct vec4_box *boxes)
 {
     const vec4 most = vec4_all(FLT_MAX), least = vec4_all(-FLT_MAX);
-    const struct corners corners = corners_of(geometry, index);
+    const float *start = geometry->positions, *end = canonical_positions(geometry, 1);
+    struct vec4_box first = boxes[0], last = boxes[1];
+    for (uint32_t i = 0; i < count; i++) {
+        const struct corners at = corners_of(geometry, ids[i] - geometry->first_primitive);
+        const vec4 p = vec4_load3(start + at.a), q = vec4_load3(start + at.b), r = vec4_load3(start + at.c);
+        const vec4 u = vec4_load3(end + at.a), v = vec4_load3(end + at.b), w = vec4_load3(end + at.c);
+        vec4_box_grow(&first, vec4_min(r, vec4_min(q, p)), vec4_max(r, vec4_max(q, p)));
+        vec4_box_grow(&last, vec4_min(w, vec4_min(v, u)), vec4_max(w, vec4_max(v, u)));
+    }
+    boxes[0] = (struct vec4_box){vec4_max(first.min, least), vec4_min(first.max, most)};
+    boxes[1] = (struct vec4_box){vec4_max(last.min, least), vec4_min(last.max, most)};
+}
+
+void triangles_refs_prefetch_keys(const struct canonical_geometry *geometry, uint32_t id, int step)
+{
+    const uint32_t index = id - geometry->first_primitive;
+    if (step == 0 && geometry->indices) {
+        __builtin_prefetch(geometry->indices + (uint64_t)3 * index);
+        return;
+    }
+    const struct corners at = corners_of(geometry, index);
     for (int key = 0; key < 2; key++) {
         const float *positions = canonical_positions(geometry, key);
-        const vec4 p = vec4_load3(positions + corners.a), q = vec4_load3(positions + corners.b),
-                   r = vec4_load3(positions + corners.c);
-        const vec4 min = vec4_min(r, vec4_min(q, p)), max = vec4_max(r, vec4_max(q, p));
-        vec4_box_grow(&boxes[key], vec4_max(vec4_min(min, most), least), vec4_max(vec4_min(max, most), least));
+        __builtin_prefetch(positions + at.a);
+        __builtin_prefetch(positions + at.b);
+        __builtin_prefetch(positions + at.c);
     }
 }
 

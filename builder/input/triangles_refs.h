@@ -19,7 +19,9 @@ uint32_t triangles_refs_collect_moving(classification_look look, const struct ca
                                        const struct canonical_geometry *geometry, uint32_t first, uint32_t end,
                                        struct classification_counts *counts, struct primitive_ref *refs);
 
-/* The function grow_keys of both kinds. */
-void triangles_refs_grow_keys(const struct canonical_geometry *geometry, uint32_t index, struct vec4_box *boxes);
+/* The functions grow_keys and prefetch_keys of both kinds. */
+void triangles_refs_grow_keys(const struct canonical_geometry *geometry, const uint32_t *ids, uint32_t count,
+                              struct vec4_box *boxes);
+void triangles_refs_prefetch_keys(const struct canonical_geometry *geometry, uint32_t id, int step);
 
 #endif

@@ -49,6 +49,15 @@ static void box_of_children(const struct box *boxes, uint32_t first, struct vec4
     vec4_box_grow(ret_box, second.min, second.max);
 }
 
+/* Leaves are mostly met in the order of their refs, from the last to the first. */
+static void prefetch(struct primitive_finder *finder, const uint32_t *refs, struct ir_node leaf)
+{
+    static const uint32_t ahead[2] = {48, 24};
+    for (int step = 0; step < 2; step++)
+        if (leaf.first >= ahead[step])
+            primitive_prefetch_keys(finder, refs + leaf.first - ahead[step], leaf.count, step);
+}
+
 /* Does the same for two keys, and sums up the cost. */
 static bool restore_two_keys(const struct canonical *canonical, const atomic_bool *cancel, struct ir *ir,
                              double *ret_cost)
@@ -60,8 +69,10 @@ static bool restore_two_keys(const struct canonical *canonical, const atomic_boo
         struct vec4_box boxes[2] = {vec4_box_empty(), vec4_box_empty()};
         if (node % STRIDE == 0 && parallel_cancelled(cancel))
             return false;
-        if (own.count)
+        if (own.count) {
+            prefetch(&finder, ir->refs, own);
             primitive_grow_keys(&finder, ir->refs + own.first, own.count, boxes);
+        }
         for (int key = 0; key < 2; key++) {
             if (!own.count)
                 box_of_children(ir->boxes[key], own.first, &boxes[key]);
