@@ -96,19 +96,33 @@ static enum bvhd_status ask(struct query *query, struct bvhd_error *error)
     return status == BVHD_OK ? judge(query, error) : status;
 }
 
+enum { FLAGS_MOST = 32 };
+
+/* Lists the names of flags: those of --flags, and that of what moves, which no option gives. Returns how many. */
+static int name_flags(uint32_t flags, const char *ret_names[FLAGS_MOST])
+{
+    int count = 0;
+    for (const struct name_value *row = build_flag_names; row->name && count < FLAGS_MOST - 1; row++)
+        if (flags & row->value)
+            ret_names[count++] = row->name;
+    if (flags & BUILD_MOTION)
+        ret_names[count++] = "motion";
+    return count;
+}
+
 /* ---- for people ---- */
 
 static void print_flags(const struct query *query)
 {
-    uint32_t flags = query->held.state.flags;
+    const char *names[FLAGS_MOST];
+    int count = name_flags(query->held.state.flags, names);
     if (query->held.state.target != BVHD_TARGET_PORTABLE) {
         printf("  %-22s not in the bytes of a native structure\n", "flags");
         return;
     }
-    printf("  %-22s%s", "flags", flags ? "" : " none");
-    for (const struct name_value *row = build_flag_names; row->name; row++)
-        if (flags & row->value)
-            printf(" %s", row->name);
+    printf("  %-22s%s", "flags", count ? "" : " none");
+    for (int i = 0; i < count; i++)
+        printf(" %s", names[i]);
     printf("\n");
 }
 
@@ -163,10 +177,11 @@ static void write_flags(const struct query *query, struct json *json)
         json_null(json, "flags");
         return;
     }
+    const char *names[FLAGS_MOST];
+    int count = name_flags(query->held.state.flags, names);
     json_array(json, "flags");
-    for (const struct name_value *row = build_flag_names; row->name; row++)
-        if (query->held.state.flags & row->value)
-            json_text(json, NULL, row->name);
+    for (int i = 0; i < count; i++)
+        json_text(json, NULL, names[i]);
     json_array_end(json);
 }
 

@@ -4,14 +4,23 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "builder/format/portable.h"
 #include "builder/format/serialized.h"
 #include "client/bvhctl/base/files.h"
 
-static enum bvhd_status create(uint64_t size, VkAccelerationStructureTypeKHR type, struct held *held,
-                               struct bvhd_error *error)
+/* `build_flags` are those of the bytes that it is for: structures with MOTION are created with it. */
+static enum bvhd_status create(uint64_t size, VkAccelerationStructureTypeKHR type, uint32_t build_flags,
+                               struct held *held, struct bvhd_error *error)
 {
+    const VkAccelerationStructureMotionInfoNV motion = {
+        .sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_MOTION_INFO_NV, .maxInstances = UINT32_MAX};
+    const bool moves = build_flags & VK_BUILD_ACCELERATION_STRUCTURE_MOTION_BIT_NV;
     const VkAccelerationStructureCreateInfoKHR info = {
-        .sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_CREATE_INFO_KHR, .size = size, .type = type};
+        .sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_CREATE_INFO_KHR,
+        .pNext = moves ? &motion : NULL,
+        .createFlags = moves ? VK_ACCELERATION_STRUCTURE_CREATE_MOTION_BIT_NV : 0u,
+        .size = size,
+        .type = type};
     return bvhd_structure_create(&info, &held->structure, error);
 }
 
@@ -34,6 +43,13 @@ static enum bvhd_status deserialize(struct bytes bytes, struct held *held, struc
     return bvhd_structure_deserialize(&info, bytes.size, &format, error);
 }
 
+/* Returns the flags of a structure, as far as its bytes tell. Whether they are sound is found out later. */
+static uint32_t flags_of(struct bytes bytes)
+{
+    struct portable_view view;
+    return portable_open_sections(bytes, &view, NULL) == BVHD_OK ? view.header->build_flags : 0;
+}
+
 enum bvhd_status held_open(const char *path, struct memory *memory, struct held *ret_held, struct bvhd_error *error)
 {
     static _Alignas(16) const unsigned char nothing[16];
@@ -43,9 +59,10 @@ enum bvhd_status held_open(const char *path, struct memory *memory, struct held 
     enum bvhd_status status = files_read(path, UINT64_MAX, memory, &data, &size, error);
     if (status != BVHD_OK)
         return status;
-    status = create(UINT64_MAX, VK_ACCELERATION_STRUCTURE_TYPE_GENERIC_KHR, &held, error);
+    const struct bytes bytes = {data ? data : nothing, size};
+    status = create(UINT64_MAX, VK_ACCELERATION_STRUCTURE_TYPE_GENERIC_KHR, flags_of(bytes), &held, error);
     if (status == BVHD_OK)
-        status = deserialize((struct bytes){data ? data : nothing, size}, &held, error);
+        status = deserialize(bytes, &held, error);
     memory_free(memory, data);
     if (status == BVHD_OK)
         bvhd_structure_get(held.structure, &held.state);
@@ -92,7 +109,7 @@ enum bvhd_status held_copy(const struct held *source, VkCopyAccelerationStructur
     uint64_t size = 0;
     enum bvhd_status status = held_property(source, property, &size, error);
     if (status == BVHD_OK)
-        status = create(size, source->state.type, &held, error);
+        status = create(size, source->state.type, source->state.flags, &held, error);
     if (status != BVHD_OK)
         return status;
     const VkCopyAccelerationStructureInfoKHR info = {.sType = VK_STRUCTURE_TYPE_COPY_ACCELERATION_STRUCTURE_INFO_KHR,
