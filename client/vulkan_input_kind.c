@@ -18,13 +18,18 @@ const struct vulkan_input_kind *vulkan_input_kind_at(enum kind_number number)
     return kinds[number];
 }
 
-uint64_t vulkan_input_extent(uint64_t offset, uint64_t stride, uint64_t count, uint64_t size)
+uint64_t vulkan_input_index_extent(uint64_t offset, uint64_t stride, uint64_t count, uint64_t size)
 {
     uint64_t bytes;
-    if (count == 0 || stride > UINT32_MAX || !bytes_mul(stride, count - 1, &bytes) ||
-        !bytes_add(bytes, offset, &bytes) || !bytes_add(bytes, size, &bytes))
+    if (count == 0 || !bytes_mul(stride, count - 1, &bytes) || !bytes_add(bytes, offset, &bytes) ||
+        !bytes_add(bytes, size, &bytes))
         return 0;
     return bytes;
+}
+
+uint64_t vulkan_input_extent(uint64_t offset, uint64_t stride, uint64_t count, uint64_t size)
+{
+    return stride <= UINT32_MAX ? vulkan_input_index_extent(offset, stride, count, size) : 0;
 }
 
 bool vulkan_input_is_countable(const struct geometry_range *range)

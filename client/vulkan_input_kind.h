@@ -76,8 +76,10 @@ const struct vulkan_input_kind *vulkan_input_kind_at(enum kind_number number);
  * Returns offset + stride * (count - 1) + size: the bytes that `count` elements need. It returns 0 if there are no
  * elements, if the sum does not fit 64 bits, or if the stride breaks Vulkan's rules: the memory of a program that
  * passes nonsense must not be read at such lengths. vulkan_input_is_countable does the same for numbers of primitives.
+ * The strides of indices have no rule, and vulkan_input_index_extent returns 0 in the first two cases only.
  */
 uint64_t vulkan_input_extent(uint64_t offset, uint64_t stride, uint64_t count, uint64_t size);
+uint64_t vulkan_input_index_extent(uint64_t offset, uint64_t stride, uint64_t count, uint64_t size);
 
 /* Returns whether a structure can have this many primitives; validate_input refuses others without their data. */
 bool vulkan_input_is_countable(const struct geometry_range *range);

@@ -24,9 +24,9 @@ static struct bytes find_indices(const VkAccelerationStructureGeometrySpheresDat
                                  const struct geometry_range *range, uint64_t count)
 {
     uint64_t size = index_size(source->indexType);
-    return vulkan_input_bytes(source->indexData.hostAddress,
-                              size > 0 ? vulkan_input_extent(range->primitive_offset, source->indexStride, count, size)
-                                       : 0);
+    return vulkan_input_bytes(
+        source->indexData.hostAddress,
+        size > 0 ? vulkan_input_index_extent(range->primitive_offset, source->indexStride, count, size) : 0);
 }
 
 static uint32_t greatest_index(const unsigned char *index, uint64_t stride, uint64_t count, uint64_t size)
