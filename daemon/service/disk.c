@@ -169,7 +169,7 @@ static enum bvhd_status read_entry(struct disk *disk, const struct key *key, con
 
 static enum bvhd_status end_reading(struct disk *disk, enum bvhd_status status)
 {
-    if (status != BVHD_OK && status != BVHD_NOT_FOUND && status != BVHD_CANCELLED)
+    if (status != BVHD_OK && status != BVHD_NOT_FOUND && status != BVHD_CANCELLED && status != BVHD_TOO_LARGE)
         atomic_fetch_add_explicit(&disk->read_errors, 1, memory_order_relaxed);
     return status;
 }
@@ -198,7 +198,7 @@ void disk_rest(struct disk *disk)
 struct record_reading {
     struct store_sink sink;
     const atomic_bool *cancel;
-    struct memory *memory;
+    struct disk_record *record;
     unsigned char *bytes;
     uint64_t size, filled;
 };
@@ -215,7 +215,11 @@ static enum bvhd_status begin_record(struct store_sink *sink, const struct store
     struct record_reading *reading = container_of(sink, struct record_reading, sink);
     if (!may_be_record(entry))
         return bvhd_error_set(error, BVHD_CORRUPT, "record", "the entry is none");
-    reading->bytes = memory_alloc(reading->memory, entry->size);
+    if (entry->size > reading->record->room) {
+        reading->record->size = entry->size;
+        return bvhd_error_set(error, BVHD_TOO_LARGE, "record", "there is no room for it");
+    }
+    reading->bytes = memory_alloc(reading->record->memory, entry->size);
     reading->size = entry->size;
     return reading->bytes ? BVHD_OK : bvhd_error_no_memory(error, "record", "no memory to read it");
 }
@@ -246,22 +250,22 @@ static enum bvhd_status read_record(struct disk *disk, const struct key *key, st
     if (status == BVHD_OK)
         status = store_get(disk->store, &own, &parallel_serial, &reading->sink, error);
     if (status != BVHD_OK)
-        memory_free(reading->memory, reading->bytes);
+        memory_free(reading->record->memory, reading->bytes);
     return status;
 }
 
 enum bvhd_status disk_read_record(struct disk *disk, const struct key *key, const atomic_bool *cancel,
-                                  struct memory *memory, struct bytes *ret_record, struct bvhd_error *error)
+                                  struct disk_record *record, struct bvhd_error *error)
 {
     struct record_reading reading = {
-        .sink = {begin_record, room_of_record, append_record}, .cancel = cancel, .memory = memory};
+        .sink = {begin_record, room_of_record, append_record}, .cancel = cancel, .record = record};
     enum bvhd_status status = BVHD_BUSY;
     if (take_descriptors(disk->account, error)) {
         status = read_record(disk, key, &reading, error);
         give_descriptors(disk->account);
     }
     if (status == BVHD_OK)
-        *ret_record = (struct bytes){reading.bytes, reading.size};
+        record->bytes = (struct bytes){reading.bytes, reading.size};
     return end_reading(disk, status);
 }
 

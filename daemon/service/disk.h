@@ -54,12 +54,20 @@ enum bvhd_status disk_read(struct disk *disk, const struct key *key, const struc
  */
 void disk_rest(struct disk *disk);
 
+/* A record that is read: how large it may be, and where its bytes go, a block from `memory`. */
+struct disk_record {
+    uint64_t room; /* bytes; a larger one is not read */
+    struct memory *memory;
+    struct bytes bytes; /* out, if it was read */
+    uint64_t size; /* out, with BVHD_TOO_LARGE: bytes of a record that is larger than `room` */
+};
+
 /*
- * Reads the record of a key (builder/update/record.h) into a block from `memory`. Blocks: for workers. The statuses are
- * those of disk_read; the bytes are not trusted.
+ * Reads the record of a key (builder/update/record.h). Blocks: for workers. The statuses are those of disk_read, and
+ * BVHD_TOO_LARGE; the bytes are not trusted.
  */
 enum bvhd_status disk_read_record(struct disk *disk, const struct key *key, const atomic_bool *cancel,
-                                  struct memory *memory, struct bytes *ret_record, struct bvhd_error *error);
+                                  struct disk_record *record, struct bvhd_error *error);
 
 /*
  * Queues a result to be written, with its record if it has one, or drops it if too much is queued. Never blocks: for

@@ -58,18 +58,32 @@ static uint64_t geometry_bound(const struct geometry *geometry)
     return kind->is_top ? sum(arrays, product(count, INSTANCE_BYTES)) : arrays;
 }
 
-/*
- * The rows of a record's geometries are within GEOMETRY_BYTES. There is a bit for each primitive. The record of the
- * source, which may come from disk, is as large as that of the update if that keeps Vulkan's rules.
- */
-static uint64_t record_bound(const struct build_input *input)
+static uint64_t count_primitives(const struct build_input *input)
 {
     uint64_t primitives = 0;
-    if (input->mode != MODE_UPDATE && !(input->flags & BUILD_ALLOW_UPDATE))
-        return 0;
     for (uint32_t i = 0; i < input->geometry_count; i++)
         primitives = sum(primitives, input->geometries[i].range.primitive_count);
-    return input->mode == MODE_UPDATE ? 2 * (primitives / 8) : primitives / 8;
+    return primitives;
+}
+
+/*
+ * Returns the most bytes of a record with the input's geometries: a row for each, which is within GEOMETRY_BYTES, and a
+ * bit for each primitive. The record of an update's source has no more if the update keeps Vulkan's rules.
+ */
+static uint64_t record_most(const struct build_input *input)
+{
+    const uint64_t rows = product(input->geometry_count, sizeof(struct record_geometry));
+    const uint64_t words = sum(count_primitives(input) / 64, 1);
+    return sum(sum(sizeof(struct record_header), rows), product(words, sizeof(uint64_t)));
+}
+
+/* The bits of the records: of the input's own, and of the source's, which may come from disk. */
+static uint64_t record_bound(const struct build_input *input)
+{
+    if (input->mode != MODE_UPDATE && !(input->flags & BUILD_ALLOW_UPDATE))
+        return 0;
+    const uint64_t bits = count_primitives(input) / 8;
+    return input->mode == MODE_UPDATE ? 2 * bits : bits;
 }
 
 uint64_t preparation_bound(const struct build_input *input)
@@ -183,7 +197,7 @@ struct preparation *preparation_create(const struct control_item *item, uint32_t
     }
     *preparation =
         (struct preparation){.asked = *item, .index = index, .updated = {.blob = taken.updated}, .within = memory};
-    preparation->updated.memory = &preparation->memory;
+    preparation->updated.record.memory = &preparation->memory;
     taken.updated = NULL;
     preparation->source = taken;
     memory_init_within(&preparation->memory, memory, UINT64_MAX);
@@ -254,26 +268,32 @@ static enum bvhd_status check_references(struct preparation *preparation, const 
     return BVHD_OK;
 }
 
-/* The record of a source is part of what was promised, so it is not read before. */
-static enum bvhd_status find_record(struct preparation *preparation, const struct build_input *input,
+/*
+ * The record of a source is part of what was promised, so it is not read before. It may be larger than the bound has it
+ * if the update breaks a rule, which is told with the help of the record: more is needed then.
+ */
+static enum bvhd_status find_record(struct preparation *preparation, const struct build_input *input, uint64_t bound,
                                     const atomic_bool *cancel, struct build_entry_source *ret_source)
 {
     struct update_source *updated = &preparation->updated;
     *ret_source = (struct build_entry_source){.blob = {NULL, 0}};
     if (input->mode != MODE_UPDATE)
         return BVHD_OK;
+    updated->record.room = sum(record_most(input), preparation->promised - bound);
     enum bvhd_status status =
         update_source_find_record(updated, &input->source_key, preparation->index, cancel, &preparation->error);
+    if (status == BVHD_TOO_LARGE)
+        preparation->needed = sum(bound, updated->record.size - record_most(input));
     if (status == BVHD_OK)
         ret_source->record = update_source_record(updated);
     return status;
 }
 
-static enum bvhd_status prepare_input(struct preparation *preparation, const struct build_input *input,
+static enum bvhd_status prepare_input(struct preparation *preparation, const struct build_input *input, uint64_t bound,
                                       const struct build_context *context)
 {
     struct build_entry_source source;
-    enum bvhd_status status = find_record(preparation, input, context->cancel, &source);
+    enum bvhd_status status = find_record(preparation, input, bound, context->cancel, &source);
     if (status == BVHD_OK)
         status = check_references(preparation, input);
     if (status == BVHD_OK)
@@ -314,11 +334,11 @@ static enum bvhd_status run(struct preparation *preparation, const struct build_
                                     &preparation->error);
     uint64_t bound = status == BVHD_OK ? preparation_bound(&input) : 0;
     uint64_t build = status == BVHD_OK ? make_bound(preparation, &input) : 0;
-    if (exceeds_promise(preparation, bound, build)) {
+    preparation->needed_build = build;
+    if (exceeds_promise(preparation, bound, build))
         preparation->needed = bound > preparation->promised ? bound : preparation->promised;
-        preparation->needed_build = build;
-    } else if (status == BVHD_OK)
-        status = prepare_input(preparation, &input, context);
+    else if (status == BVHD_OK)
+        status = prepare_input(preparation, &input, bound, context);
     rows_finish(&input, context->memory);
     return status;
 }

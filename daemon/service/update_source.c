@@ -13,7 +13,7 @@ static bool is_shortage_or_cancelled(enum bvhd_status status)
 
 struct bytes update_source_record(const struct update_source *source)
 {
-    return source->blob->record.size > 0 ? source->blob->record : source->record;
+    return source->blob->record.size > 0 ? source->blob->record : source->record.bytes;
 }
 
 enum bvhd_status update_source_open(const struct update_source *source, struct build_entry_source *ret_opened,
@@ -77,8 +77,8 @@ static bool is_record(struct bytes bytes)
 /* Forgets a damaged record, so that it is not taken for the source's own. */
 static void drop_record(struct update_source *source)
 {
-    memory_free(source->memory, (void *)(uintptr_t)source->record.data);
-    source->record = (struct bytes){NULL, 0};
+    memory_free(source->record.memory, (void *)(uintptr_t)source->record.bytes.data);
+    source->record.bytes = (struct bytes){NULL, 0};
 }
 
 enum bvhd_status update_source_find_record(struct update_source *source, const struct key *key, uint32_t index,
@@ -87,10 +87,10 @@ enum bvhd_status update_source_find_record(struct update_source *source, const s
     if (update_source_record(source).size > 0)
         return BVHD_OK;
     if (source->disk && source->blob->is_from_disk) {
-        enum bvhd_status status = disk_read_record(source->disk, key, cancel, source->memory, &source->record, error);
-        if (status == BVHD_OK && is_record(source->record))
+        enum bvhd_status status = disk_read_record(source->disk, key, cancel, &source->record, error);
+        if (status == BVHD_OK && is_record(source->record.bytes))
             return BVHD_OK;
-        if (is_shortage_or_cancelled(status))
+        if (status == BVHD_TOO_LARGE || is_shortage_or_cancelled(status))
             return status;
         drop_record(source);
     }

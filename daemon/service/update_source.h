@@ -16,16 +16,16 @@
 struct update_source {
     struct blob *blob; /* a ref; NULL: not found yet, or there is none */
     struct disk *disk; /* where the rest may be; NULL: nowhere */
-    struct bytes record; /* of a blob that has none itself; from `memory` */
-    struct memory *memory;
+    struct disk_record record; /* of a blob that has none itself; its memory and its room are the caller's affair */
     bool is_read; /* the blob has come from disk, and the cache does not know it */
 };
 
 /*
  * The first looks on disk for a blob that is missing; the second, which is called after it, for the blob's record,
- * whose bytes come from `memory`. Both block: for workers. A source that was built without ALLOW_UPDATE is found, and
- * has no record. Returns BVHD_SOURCE_LOST, with the key in the text, for a source that is not there, or whose record is
- * not; BVHD_CANCELLED; BVHD_NO_MEMORY, and BVHD_BUSY without free descriptors. `index` is the item's, for errors.
+ * if record.room suffices. Both block: for workers. A source that was built without ALLOW_UPDATE is found, and has no
+ * record. Returns BVHD_SOURCE_LOST, with the key in the text, for a source that is not there, or whose record is not;
+ * BVHD_TOO_LARGE, with record.size, for a record that needs more room; BVHD_CANCELLED; BVHD_NO_MEMORY, and BVHD_BUSY
+ * without free descriptors. `index` is the item's, for errors.
  */
 enum bvhd_status update_source_find(struct update_source *source, const struct key *key, uint32_t index,
                                     const atomic_bool *cancel, struct bvhd_error *error);
