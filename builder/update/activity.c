@@ -19,7 +19,6 @@ static void scan_vertices(void *context, size_t index)
 {
     struct search *search = context;
     const struct canonical *canonical = search->canonical;
-    const struct update_kind *kind = update_kind_of(canonical->geometries[0].type);
     size_t begin, end;
     bool found = false;
     parallel_chunk(index, CHUNK, canonical->vertex_count, &begin, &end);
@@ -30,7 +29,7 @@ static void scan_vertices(void *context, size_t index)
         size_t limit = (size_t)geometry->first_vertex + geometry->vertex_count;
         limit = limit < end ? limit : end;
         if (begin < limit)
-            found |= kind->has_nan(geometry, begin - geometry->first_vertex, limit - begin);
+            found |= update_kind_of(geometry->type)->has_nan(geometry, begin - geometry->first_vertex, limit - begin);
         begin = limit;
     }
     if (found)

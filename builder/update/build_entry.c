@@ -4,9 +4,7 @@
 #include "builder/content_key.h"
 #include "builder/input/prepare.h"
 #include "builder/tier.h"
-#include "builder/update/update_kind.h"
 #include "builder/update/update_rules.h"
-#include "proto/base/kind.h"
 #include "proto/base/place.h"
 
 /* The state of one call of build_entry_prepare. */
@@ -49,25 +47,13 @@ static enum bvhd_status find_key(const struct preparing *preparing)
     return content_key(&entry->canonical, &entry->options, preparing->context, &entry->key, preparing->error);
 }
 
-/* Refuses to record a kind that updates do not have. */
-static enum bvhd_status check_kinds(const struct preparing *preparing)
-{
-    const struct canonical *canonical = &preparing->entry->canonical;
-    for (uint32_t i = 0; i < canonical->geometry_count; i++)
-        if (!update_kind_of(canonical->geometries[i].type))
-            return bvhd_error_set(preparing->error, BVHD_UNSUPPORTED, place("infos[%u].flags", preparing->index).text,
-                                  "ALLOW_UPDATE, and updates, of %s are not supported",
-                                  kind_find(canonical->geometries[i].type)->noun);
-    return BVHD_OK;
-}
-
 /* An update without ALLOW_UPDATE gets a record, too, because that is what shows the difference to its source. */
 static enum bvhd_status describe(const struct preparing *preparing)
 {
     struct build_entry *entry = preparing->entry;
     const bool has_record = entry->is_update || entry->canonical.flags & BUILD_ALLOW_UPDATE;
-    enum bvhd_status status = has_record ? check_kinds(preparing) : BVHD_OK;
-    if (status == BVHD_OK && has_record)
+    enum bvhd_status status = BVHD_OK;
+    if (has_record)
         status = record_make(&entry->canonical, &entry->options, preparing->context, &entry->record, preparing->error);
     if (status == BVHD_OK && entry->is_update)
         status = check_rules(preparing);

@@ -90,6 +90,21 @@ static double step_of(uint8_t exponent)
     return step;
 }
 
+/* The bytes of a node's boxes at one key, by axis and slot. */
+struct node_bytes {
+    const uint8_t (*lo)[8], (*hi)[8];
+};
+
+static inline struct node_bytes start_bytes(const struct portable_node *node)
+{
+    return (struct node_bytes){node->lo, node->hi};
+}
+
+static inline struct node_bytes end_bytes(const struct portable_moving_node *node)
+{
+    return (struct node_bytes){node->end_lo, node->end_hi};
+}
+
 /* The sums over all slots of the areas of two sides, in steps: of inner children, and of each record in leaves. */
 struct side_sums {
     int32_t inner, leaves;
@@ -98,11 +113,11 @@ struct side_sums {
 /* The sums are of whole numbers, so that they are exact, in any order. Both versions give the same. */
 #if defined(__SSE2__) && !defined(BVHD_SCALAR)
 
-static inline __m128i lengths_of(const struct portable_node *node, int axis)
+static inline __m128i lengths_of(const struct node_bytes *bytes, int axis)
 {
     const __m128i zero = _mm_setzero_si128();
-    const __m128i lo = _mm_loadl_epi64((const __m128i *)(const void *)node->lo[axis]),
-                  hi = _mm_loadl_epi64((const __m128i *)(const void *)node->hi[axis]);
+    const __m128i lo = _mm_loadl_epi64((const __m128i *)(const void *)bytes->lo[axis]),
+                  hi = _mm_loadl_epi64((const __m128i *)(const void *)bytes->hi[axis]);
     return _mm_sub_epi16(_mm_unpacklo_epi8(hi, zero), _mm_unpacklo_epi8(lo, zero));
 }
 
@@ -112,27 +127,27 @@ static inline int32_t sum_of(__m128i four)
     return _mm_cvtsi128_si32(_mm_add_epi32(four, _mm_shuffle_epi32(four, _MM_SHUFFLE(2, 3, 0, 1))));
 }
 
-static inline struct side_sums sum_sides(const struct portable_node *node, const struct portable_shape *shape, int axis,
+static inline struct side_sums sum_sides(const struct node_bytes *bytes, const struct portable_shape *shape, int axis,
                                          int other)
 {
     const __m128i bits = _mm_setr_epi16(1, 2, 4, 8, 16, 32, 64, 128);
     const __m128i is_inner = _mm_cmpeq_epi16(_mm_and_si128(_mm_set1_epi16((short)shape->inner), bits), bits);
     const __m128i counts =
         _mm_unpacklo_epi8(_mm_loadl_epi64((const __m128i *)(const void *)shape->counts), _mm_setzero_si128());
-    const __m128i first = lengths_of(node, axis), second = lengths_of(node, other);
+    const __m128i first = lengths_of(bytes, axis), second = lengths_of(bytes, other);
     return (struct side_sums){sum_of(_mm_madd_epi16(_mm_and_si128(first, is_inner), second)),
                               sum_of(_mm_madd_epi16(_mm_mullo_epi16(first, counts), second))};
 }
 
 #else
 
-static inline struct side_sums sum_sides(const struct portable_node *node, const struct portable_shape *shape, int axis,
+static inline struct side_sums sum_sides(const struct node_bytes *bytes, const struct portable_shape *shape, int axis,
                                          int other)
 {
     struct side_sums sums = {0, 0};
     for (int slot = 0; slot < 8; slot++) {
         const int32_t area =
-            (node->hi[axis][slot] - node->lo[axis][slot]) * (node->hi[other][slot] - node->lo[other][slot]);
+            (bytes->hi[axis][slot] - bytes->lo[axis][slot]) * (bytes->hi[other][slot] - bytes->lo[other][slot]);
         sums.inner += area * (int32_t)(shape->inner >> slot & 1);
         sums.leaves += area * shape->counts[slot];
     }
@@ -141,14 +156,45 @@ static inline struct side_sums sum_sides(const struct portable_node *node, const
 
 #endif
 
-double portable_tree_node_cost(const struct portable_node *node, const struct portable_shape *shape, double leaf_cost)
+double portable_tree_node_cost(const struct portable_node *node, bool moves, const struct portable_shape *shape,
+                               double leaf_cost)
 {
+    const struct node_bytes start = start_bytes(node);
     double cost = 0;
     for (int axis = 0; axis < 3; axis++) {
         const int other = axis == 2 ? 0 : axis + 1;
-        const struct side_sums sums = sum_sides(node, shape, axis, other);
+        struct side_sums sums = sum_sides(&start, shape, axis, other);
+        if (moves) {
+            const struct node_bytes end = end_bytes((const struct portable_moving_node *)(const void *)node);
+            const struct side_sums more = sum_sides(&end, shape, axis, other);
+            sums = (struct side_sums){sums.inner + more.inner, sums.leaves + more.leaves};
+        }
         cost +=
             (sums.inner + leaf_cost * sums.leaves) * (step_of(node->exponent[axis]) * step_of(node->exponent[other]));
     }
     return cost;
+}
+
+/* Returns the length of the box round all children, in steps; empty slots do not make it longer. */
+static int32_t length_of_all(const struct node_bytes *bytes, int axis)
+{
+    int32_t low = 255, high = 0;
+    for (int slot = 0; slot < 8; slot++) {
+        low = bytes->lo[axis][slot] < low ? bytes->lo[axis][slot] : low;
+        high = bytes->hi[axis][slot] > high ? bytes->hi[axis][slot] : high;
+    }
+    return high - low;
+}
+
+double portable_tree_moving_area(const struct portable_moving_node *node)
+{
+    const struct node_bytes keys[2] = {start_bytes(&node->start), end_bytes(node)};
+    double area = 0;
+    for (int key = 0; key < 2; key++)
+        for (int axis = 0; axis < 3; axis++) {
+            const int other = axis == 2 ? 0 : axis + 1;
+            area += length_of_all(&keys[key], axis) * length_of_all(&keys[key], other) *
+                    (step_of(node->start.exponent[axis]) * step_of(node->start.exponent[other]));
+        }
+    return area;
 }

@@ -29,7 +29,14 @@ bool portable_tree_read(const struct portable_view *view, uint32_t node, uint32_
  */
 bool portable_tree_cut(const struct portable_view *view, struct subtrees *subtrees);
 
-/* Returns the sum over a node's children of area times price, where the records of a leaf cost `leaf_cost` each. */
-double portable_tree_node_cost(const struct portable_node *node, const struct portable_shape *shape, double leaf_cost);
+/*
+ * Returns the sum over a node's children of area times price, where the records of a leaf cost `leaf_cost` each. The
+ * area of a child of a structure that moves is the sum of those at t = 0 and at t = 1.
+ */
+double portable_tree_node_cost(const struct portable_node *node, bool moves, const struct portable_shape *shape,
+                               double leaf_cost);
+
+/* Returns half the area of the box round the children of a node at t = 0, plus half that at t = 1. */
+double portable_tree_moving_area(const struct portable_moving_node *node);
 
 #endif

@@ -28,6 +28,17 @@ void record_view(const struct record_header *header, struct record *ret_record)
     };
 }
 
+uint32_t record_type_of(const struct record *record)
+{
+    const uint32_t count = record->header->geometry_count;
+    for (uint32_t g = 0; g < count; g++)
+        if (kind_find(record->geometries[g].type)->moves)
+            return record->geometries[g].type;
+    if (count > 0)
+        return record->geometries[0].type;
+    return record->header->type == STRUCTURE_TOP ? GEOMETRY_INSTANCES : GEOMETRY_TRIANGLES;
+}
+
 /* The rows of the canonical form have what the request said; those of other structures than updatable ones say less. */
 static struct record_geometry make_row(const struct form_geometry *row)
 {
@@ -52,7 +63,7 @@ static void fill_header(const struct canonical *canonical, const struct build_op
 {
     const struct layout *layout = layout_find(options->target);
     *header = (struct record_header){
-        .version = canonical->geometry_count > 0 ? update_kind_of(canonical->geometries[0].type)->version : 1,
+        .version = update_kind_of(canonical_kind(canonical))->version,
         .size = record_size(canonical->geometry_count, canonical->primitive_count, inactive),
         .type = canonical->type,
         .flags = canonical->flags,

@@ -16,8 +16,11 @@
 #include "proto/base/bytes.h"
 #include "proto/base/status.h"
 
-/* Version 2 added rows of spheres and linear swept spheres. A record has the oldest version that has its rows. */
-enum { RECORD_NEWEST = 2 };
+/*
+ * Version 2 added rows of spheres and linear swept spheres, version 3 rows of motion triangles, which may stand beside
+ * rows of triangles, and of motion instances. A record has the oldest version that has its rows.
+ */
+enum { RECORD_NEWEST = 3 };
 
 /* The fields of the structure as a whole. */
 struct record_header {
@@ -88,6 +91,12 @@ enum bvhd_status record_make(const struct canonical *canonical, const struct bui
  * "record.geometries[3].type", or BVHD_INCOMPATIBLE for another version.
  */
 enum bvhd_status record_open(struct bytes bytes, struct record *ret_record, struct bvhd_error *error);
+
+/*
+ * Returns the GEOMETRY_ that decides what structure it is of, as canonical_kind does: that of the first row that moves,
+ * else that of the first row. A record without rows counts as one of triangles, or of instances.
+ */
+uint32_t record_type_of(const struct record *record);
 
 /* Frees what record_make made, and zeroes the view. `record` may be NULL or already zeroed. */
 void record_finish(struct record *record, struct memory *memory);

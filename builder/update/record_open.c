@@ -5,6 +5,7 @@
 #include "builder/update/activity.h"
 #include "builder/update/record_internal.h"
 #include "builder/update/update_kind.h"
+#include "proto/base/kind.h"
 
 static enum bvhd_status corrupt(struct bvhd_error *error, const char *where, const char *reason)
 {
@@ -57,24 +58,56 @@ static enum bvhd_status check_structure(const struct record_header *header, stru
     return BVHD_OK;
 }
 
+/* A top level has the flag MOTION exactly if its instances move; a bottom level with it may stand still. */
+static bool flags_allow(uint32_t flags, const struct kind *kind)
+{
+    const bool may_move = flags & BUILD_MOTION;
+    return kind->is_top ? kind->moves == may_move : !kind->moves || may_move;
+}
+
 static bool row_is_sound(const struct record_header *header, const struct record_geometry *row)
 {
-    const struct update_kind *kind = update_kind_of(row->type);
-    if (!kind || kind->version != header->version || layout_find((enum target)header->target)->version(row->type) == 0)
+    const struct update_kind *update_kind = update_kind_of(row->type);
+    const struct kind *kind = kind_find(row->type);
+    if (!update_kind || layout_find((enum target)header->target)->version(row->type) == 0)
         return false;
-    return (header->type == STRUCTURE_TOP) == (row->type == GEOMETRY_INSTANCES) && kind->row_is_sound(row);
+    return (header->type == STRUCTURE_TOP) == kind->is_top && flags_allow(header->flags, kind) &&
+           update_kind->row_is_sound(row);
+}
+
+/* Returns the first of the rows that is not one of such a structure, or the number of rows. */
+static uint32_t find_unsound(const struct record *record)
+{
+    const struct record_header *header = record->header;
+    uint32_t g = 0;
+    while (g < header->geometry_count && row_is_sound(header, &record->geometries[g]))
+        g++;
+    return g;
+}
+
+/* Returns the same for rows that are sound by themselves: all are of one type of Vulkan's, and the version has them. */
+static uint32_t find_stranger(const struct record *record)
+{
+    const uint32_t type = record_type_of(record), count = record->header->geometry_count;
+    const bool is_version = update_kind_of(type)->version == record->header->version;
+    uint32_t g = 0;
+    while (g < count && is_version &&
+           kind_find(record->geometries[g].type)->vulkan_type == kind_find(type)->vulkan_type)
+        g++;
+    return g;
 }
 
 static enum bvhd_status check_rows(const struct record *record, struct bvhd_error *error)
 {
-    const struct record_header *header = record->header;
+    const uint32_t count = record->header->geometry_count;
     uint64_t primitives = 0;
-    for (uint32_t g = 0; g < header->geometry_count; g++) {
-        if (!row_is_sound(header, &record->geometries[g]))
-            return corrupt(error, place("record.geometries[%u]", g).text, "no geometry of such a structure");
+    uint32_t wrong = find_unsound(record);
+    wrong = wrong < count ? wrong : find_stranger(record);
+    if (wrong < count)
+        return corrupt(error, place("record.geometries[%u]", wrong).text, "no geometry of such a structure");
+    for (uint32_t g = 0; g < count; g++)
         primitives += record->geometries[g].primitive_count;
-    }
-    if (primitives != header->primitive_count)
+    if (primitives != record->header->primitive_count)
         return corrupt(error, "record.primitiveCount", "not the sum over the geometries");
     return BVHD_OK;
 }

@@ -7,6 +7,7 @@
 #include "builder/input/outline.h"
 #include "builder/update/refit_internal.h"
 #include "proto/base/clock.h"
+#include "proto/base/kind.h"
 
 static enum bvhd_status unknown_target(uint32_t target, struct bvhd_error *error)
 {
@@ -58,7 +59,7 @@ static struct build_stats stats_of(const struct refit_request *request, const st
         .bounds = output->bounds,
         .sizes = output->sizes,
     };
-    if (header->geometry_count > 0 && request->record->geometries[0].type == GEOMETRY_TRIANGLES)
+    if (kind_find(record_type_of(request->record))->vulkan_type == GEOMETRY_TRIANGLES)
         stats.triangles = header->primitive_count;
     stats.instances = header->type == STRUCTURE_TOP ? header->primitive_count : 0;
     return stats;

@@ -34,10 +34,9 @@ enum bvhd_status refit_lavapipe(const struct refit_request *request, const struc
 enum bvhd_status refit_lavapipe_cost(struct bytes blob, const struct device_format *device,
                                      const struct build_context *context, double *ret_cost, struct bvhd_error *error);
 
-/* Returns the cost of a tree whose nodes cost `sum` in all, over the area of its root; 0 if the root has none. */
-static inline double refit_cost_of(double sum, const struct box *root)
+/* Returns the cost of a tree whose nodes cost `sum` in all, over half the area of its root; 0 if the root has none. */
+static inline double refit_cost_of(double sum, double area)
 {
-    double area = box_half_area(root);
     return area > 0 ? sum / area : 0;
 }
 

@@ -186,7 +186,7 @@ static enum bvhd_status fill(struct lavapipe_refit *refit, struct refit_output *
     if (status != BVHD_OK)
         return status;
     output->bounds = refit->nodes[0].box;
-    output->cost = refit_cost_of(refit->nodes[0].cost, &output->bounds);
+    output->cost = refit_cost_of(refit->nodes[0].cost, box_half_area(&output->bounds));
     return BVHD_OK;
 }
 
@@ -297,7 +297,7 @@ enum bvhd_status refit_lavapipe_cost(struct bytes blob, const struct device_form
     if (status == BVHD_OK) {
         struct box root;
         memcpy(&root, refit.source.bounds, sizeof root);
-        *ret_cost = refit_cost_of(refit.nodes[0].cost, &root);
+        *ret_cost = refit_cost_of(refit.nodes[0].cost, box_half_area(&root));
     }
     memory_free(context->memory, refit.nodes);
     return status;

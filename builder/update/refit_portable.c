@@ -5,15 +5,17 @@
 #include "builder/update/refit_vertices.h"
 #include "builder/update/update_kind.h"
 
-/* The state of one refit, or of one measurement, for which only the first four are set. */
+/* The state of one refit, or of one measurement, for which only the first part is set. */
 struct portable_refit {
     const struct build_context *context;
     struct portable_view source;
     struct refit_node *nodes; /* for each node of the source */
     double leaf_cost;
+    bool moves; /* nodes have boxes at t = 0 and at t = 1 */
 
     const struct canonical *canonical;
-    const struct update_kind *kind; /* of the geometries of `canonical` */
+    const struct update_kind *kind; /* of the records */
+    struct refit_node *end_nodes; /* their boxes at t = 1, if it moves */
     struct portable_header header;
     unsigned char *blob, *body;
     struct refit_records records;
@@ -22,9 +24,7 @@ struct portable_refit {
 
 static enum portable_content content_of(const struct record *record)
 {
-    const struct record_header *header = record->header;
-    const uint32_t type = header->geometry_count > 0 ? record->geometries[0].type : GEOMETRY_TRIANGLES;
-    return record_content_for(header->type, type, header->layout_flags);
+    return record_content_for(record->header->type, record_type_of(record), record->header->layout_flags);
 }
 
 static enum bvhd_status check_source(const struct portable_refit *refit, struct bvhd_error *error)
@@ -41,20 +41,22 @@ static enum bvhd_status check_source(const struct portable_refit *refit, struct 
     return BVHD_OK;
 }
 
-/* Finds the boxes of a node's children, an empty slot's being that of another one, and returns the box around them. */
-static struct vec4_box gather_boxes(const struct portable_refit *refit, const struct portable_node *node,
-                                    const struct portable_shape *shape, struct refit_node leaves[8],
-                                    const struct box *ret_boxes[8])
+/*
+ * Finds the boxes of a node's children at one key, an empty slot's being that of another one, and the box around them.
+ * `nodes` has those of inner children.
+ */
+static void gather_boxes(const struct refit_node *nodes, const struct portable_node *node,
+                         const struct portable_shape *shape, const struct refit_node leaves[8],
+                         const struct box *ret_boxes[8], struct box *ret_all)
 {
     const struct box *const filler =
-        shape->inner ? &refit->nodes[node->first_child].box : &leaves[__builtin_ctz(shape->occupied)].box;
+        shape->inner ? &nodes[node->first_child].box : &leaves[__builtin_ctz(shape->occupied)].box;
     struct vec4_box all = vec4_box_empty();
     uint32_t child = node->first_child;
-    refit->kind->boxes(&refit->records, node->first_record, shape->counts, leaves);
     for (unsigned slot = 0; slot < 8; slot++) {
         ret_boxes[slot] = filler;
         if (shape->inner >> slot & 1) {
-            ret_boxes[slot] = &refit->nodes[child++].box;
+            ret_boxes[slot] = &nodes[child++].box;
         } else if (shape->counts[slot] > 0) {
             ret_boxes[slot] = &leaves[slot].box;
         } else {
@@ -63,36 +65,61 @@ static struct vec4_box gather_boxes(const struct portable_refit *refit, const st
         const struct vec4_box own = vec4_box_from(ret_boxes[slot]);
         vec4_box_grow(&all, own.min, own.max);
     }
-    return all;
+    vec4_box_put(all, ret_all);
+}
+
+/* Gives node `index` of the result its boxes; `source` is that of the source. */
+static void fit_still(const struct portable_refit *refit, const struct portable_node *source,
+                      const struct portable_shape *shape, uint32_t index, struct portable_node *node)
+{
+    struct refit_node leaves[8];
+    const struct box *boxes[8];
+    refit->kind->boxes(&refit->records, source->first_record, shape->counts, leaves);
+    gather_boxes(refit->nodes, source, shape, leaves, boxes, &refit->nodes[index].box);
+    portable_quantise_boxes(boxes, shape->occupied, refit->avx2, node);
+}
+
+static void fit_moving(const struct portable_refit *refit, const struct portable_node *source,
+                       const struct portable_shape *shape, uint32_t index, struct portable_node *node)
+{
+    struct refit_node leaves[2][8];
+    const struct box *start[8], *end[8];
+    refit->kind->key_boxes(&refit->records, source->first_record, shape->counts, leaves);
+    gather_boxes(refit->nodes, source, shape, leaves[0], start, &refit->nodes[index].box);
+    gather_boxes(refit->end_nodes, source, shape, leaves[1], end, &refit->end_nodes[index].box);
+    portable_quantise_moving_boxes(start, end, shape->occupied, refit->avx2,
+                                   (struct portable_moving_node *)(void *)node);
 }
 
 static double cost_of(const struct portable_refit *refit, const struct portable_node *node,
                       const struct portable_shape *shape)
 {
-    double cost = portable_tree_node_cost(node, shape, refit->leaf_cost);
+    double cost = portable_tree_node_cost(node, refit->moves, shape, refit->leaf_cost);
     for (uint32_t i = 0; i < (uint32_t)__builtin_popcount(shape->inner); i++)
         cost += refit->nodes[node->first_child + i].cost;
     return cost;
 }
 
+static struct portable_node *written_node(const struct portable_refit *refit, uint32_t index)
+{
+    void *node = refit->body + refit->header.node_offset + (uint64_t)index * refit->source.node_size;
+    return node;
+}
+
 static bool refit_node(void *context, uint32_t index, uint32_t end)
 {
     const struct portable_refit *refit = context;
-    const struct portable_node *source = &refit->source.nodes[index];
+    const struct portable_node *source = portable_node_at(&refit->source, index);
     struct portable_shape shape;
     if (!portable_tree_read(&refit->source, index, end, &shape) ||
         !refit->kind->write(&refit->records, source->first_record, shape.records))
         return false;
-    struct portable_node *node = (struct portable_node *)(void *)(refit->body + refit->header.node_offset) + index;
-    struct refit_node leaves[8];
-    const struct box *boxes[8];
-    const struct vec4_box all = gather_boxes(refit, source, &shape, leaves, boxes);
-    portable_quantise_boxes(boxes, shape.occupied, refit->avx2, node);
+    struct portable_node *node = written_node(refit, index);
+    (refit->moves ? fit_moving : fit_still)(refit, source, &shape, index, node);
     memcpy(node->meta, source->meta, sizeof node->meta);
     node->inner_mask = source->inner_mask;
     node->first_child = source->first_child;
     node->first_record = source->first_record;
-    vec4_box_put(all, &refit->nodes[index].box);
     refit->nodes[index].cost = cost_of(refit, node, &shape);
     return true;
 }
@@ -103,8 +130,20 @@ static bool measure_node(void *context, uint32_t index, uint32_t end)
     struct portable_shape shape;
     if (!portable_tree_read(&refit->source, index, end, &shape))
         return false;
-    refit->nodes[index].cost = cost_of(refit, &refit->source.nodes[index], &shape);
+    refit->nodes[index].cost = cost_of(refit, portable_node_at(&refit->source, index), &shape);
     return true;
+}
+
+/*
+ * Returns the cost of a tree with this root. Bounds are around both keys of what moves, so that the areas of each are
+ * those of the root's own boxes.
+ */
+static double cost_over(const struct portable_refit *refit, const struct portable_node *root, const struct box *bounds)
+{
+    const double sum = refit->nodes[0].cost;
+    if (!refit->moves)
+        return refit_cost_of(sum, box_half_area(bounds));
+    return refit_cost_of(sum, portable_tree_moving_area((const struct portable_moving_node *)(const void *)root));
 }
 
 static enum bvhd_status report_corrupt(uint32_t node, struct bvhd_error *error)
@@ -128,15 +167,17 @@ static enum bvhd_status sweep_parts(struct portable_refit *refit, struct subtree
     return status == BVHD_OK ? BVHD_OK : report_corrupt(corrupt, error);
 }
 
-/* Visits all nodes; there is at least one. */
+/* Visits all nodes; there is at least one. Costs need the first array of nodes alone. */
 static enum bvhd_status sweep(struct portable_refit *refit, subtrees_visit visit, struct bvhd_error *error)
 {
     struct memory *memory = refit->context->memory;
     const uint32_t count = refit->source.header->node_count;
+    const bool has_end = refit->moves && visit == refit_node;
     struct subtrees subtrees;
-    refit->nodes = memory_array(memory, count, sizeof *refit->nodes);
+    refit->nodes = memory_array(memory, has_end ? 2 * (uint64_t)count : count, sizeof *refit->nodes);
     if (!refit->nodes)
         return bvhd_error_no_memory(error, "nodes", "no memory for the boxes of %u nodes", count);
+    refit->end_nodes = has_end ? refit->nodes + count : NULL;
     subtrees_init(&subtrees, count, memory);
     enum bvhd_status status = sweep_parts(refit, &subtrees, visit, error);
     subtrees_finish(&subtrees);
@@ -156,7 +197,9 @@ static enum bvhd_status fill_tree(struct portable_refit *refit, struct refit_out
     if (status != BVHD_OK)
         return status;
     output->bounds = refit->nodes[0].box;
-    output->cost = refit_cost_of(refit->nodes[0].cost, &output->bounds);
+    if (refit->moves)
+        box_grow(&output->bounds, &refit->end_nodes[0].box);
+    output->cost = cost_over(refit, written_node(refit, 0), &output->bounds);
     memcpy(refit->header.bounds, output->bounds.min, sizeof output->bounds.min);
     memcpy(refit->header.bounds + 3, output->bounds.max, sizeof output->bounds.max);
     return BVHD_OK;
@@ -169,7 +212,7 @@ static void copy_rest(const struct portable_refit *refit)
     const struct record_kind *kind = refit->records.written.kind;
     const unsigned char *source = (const unsigned char *)refit->source.header;
     const uint64_t sections[][2] = {
-        {header->node_offset, (uint64_t)header->node_count * sizeof(struct portable_node)},
+        {header->node_offset, (uint64_t)header->node_count * kind->node_size},
         {header->record_offset, (uint64_t)header->record_count * kind->size},
         {header->vertex_offset, (uint64_t)header->vertex_count * kind->vertex_size},
     };
@@ -219,8 +262,10 @@ enum bvhd_status refit_portable(const struct refit_request *request, const struc
         return status;
     struct refit_output output = {.bounds = box_empty()};
     refit.header = *refit.source.header;
-    refit.kind = update_kind_of(record_kind_of(refit.header.content)->type);
-    refit.leaf_cost = (double)record_kind_of(refit.header.content)->cost;
+    const struct record_kind *kind = record_kind_of(refit.header.content);
+    refit.kind = update_kind_of(kind->type);
+    refit.leaf_cost = (double)kind->cost;
+    refit.moves = record_kind_moves(kind);
     status = write_blob(&refit, &output, error);
     if (status != BVHD_OK)
         return status;
@@ -239,12 +284,13 @@ enum bvhd_status refit_portable_cost(struct bytes blob, const struct build_conte
     const struct portable_header *header = refit.source.header;
     double cost = 0;
     refit.leaf_cost = (double)record_kind_of(header->content)->cost;
+    refit.moves = record_kind_moves(record_kind_of(header->content));
     if (header->node_count > 0) {
         status = sweep(&refit, measure_node, error);
         struct box root;
         memcpy(root.min, header->bounds, sizeof root.min);
         memcpy(root.max, header->bounds + 3, sizeof root.max);
-        cost = status == BVHD_OK ? refit_cost_of(refit.nodes[0].cost, &root) : 0;
+        cost = status == BVHD_OK ? cost_over(&refit, refit.source.nodes, &root) : 0;
         memory_free(context->memory, refit.nodes);
     }
     if (status == BVHD_OK)

@@ -5,9 +5,13 @@
 const struct update_kind *update_kind_of(uint32_t type)
 {
     static const struct update_kind *const kinds[KIND_COUNT] = {
-        [KIND_TRIANGLES] = &update_triangles,         [KIND_AABBS] = &update_aabbs,
-        [KIND_INSTANCES] = &update_instances,         [KIND_SPHERES] = &update_spheres,
+        [KIND_TRIANGLES] = &update_triangles,
+        [KIND_AABBS] = &update_aabbs,
+        [KIND_INSTANCES] = &update_instances,
+        [KIND_SPHERES] = &update_spheres,
         [KIND_SWEPT_SPHERES] = &update_swept_spheres,
+        [KIND_MOVING_TRIANGLES] = &update_moving_triangles,
+        [KIND_MOVING_INSTANCES] = &update_moving_instances,
     };
     const struct kind *kind = kind_find(type);
     return kind ? kinds[kind->number] : NULL;

@@ -59,12 +59,19 @@ struct update_kind {
 
     /* Writes the new records of a node of the source. Returns false for records that no writer has made. */
     bool (*write)(const struct refit_records *records, uint32_t first, unsigned count);
-    /* Finds the box of each leaf of a node, whose records have been written: counts[slot] of them from `first` on. */
+    /*
+     * Finds the box of each leaf of a node, whose records have been written: counts[slot] of them from `first` on.
+     * NULL: the primitives move.
+     */
     void (*boxes)(const struct refit_records *records, uint32_t first, const uint8_t counts[8],
                   struct refit_node ret_leaves[8]);
+    /* Finds the boxes at t = 0 and at t = 1 in the same way. NULL: the primitives do not move. */
+    void (*key_boxes)(const struct refit_records *records, uint32_t first, const uint8_t counts[8],
+                      struct refit_node ret_leaves[2][8]);
 };
 
-extern const struct update_kind update_triangles, update_aabbs, update_instances, update_spheres, update_swept_spheres;
+extern const struct update_kind update_triangles, update_aabbs, update_instances, update_spheres, update_swept_spheres,
+    update_moving_triangles, update_moving_instances;
 
 /* Returns the row of a GEOMETRY_, or NULL for a type that is none. */
 const struct update_kind *update_kind_of(uint32_t type);
@@ -104,6 +111,25 @@ static inline __attribute__((always_inline)) void update_boxes(
             vec4_box_grow(&box, next.min, next.max);
         }
         vec4_box_put(refit_box_finite(box), &ret_leaves[slot].box);
+        first += counts[slot];
+    }
+}
+
+/* Does the same by a function that finds the boxes of a record at both keys. */
+static inline __attribute__((always_inline)) void update_key_boxes(
+    const struct refit_records *records, uint32_t first, const uint8_t counts[8], struct refit_node ret_leaves[2][8],
+    void (*find)(const struct refit_records *records, uint32_t record, struct vec4_box ret_boxes[2]))
+{
+    for (unsigned slot = 0; slot < 8; slot++) {
+        struct vec4_box boxes[2] = {vec4_box_empty(), vec4_box_empty()};
+        for (unsigned i = 0; i < counts[slot]; i++) {
+            struct vec4_box own[2];
+            find(records, first + i, own);
+            for (int key = 0; key < 2; key++)
+                vec4_box_grow(&boxes[key], own[key].min, own[key].max);
+        }
+        for (int key = 0; key < 2 && counts[slot] > 0; key++)
+            vec4_box_put(refit_box_finite(boxes[key]), &ret_leaves[key][slot].box);
         first += counts[slot];
     }
 }

@@ -15,10 +15,10 @@ static const struct update_rule header_rules[] = {
     {BVHD_VUID_NONE, offsetof(struct record_header, layout_flags), "options.layoutFlags"},
 };
 
-/* The rules of all geometries. */
-static const struct update_rule geometry_rules[] = {
-    {BVHD_VUID_03761, offsetof(struct record_geometry, type), "geometryType"},
-    {BVHD_VUID_03762, offsetof(struct record_geometry, flags), "flags"},
+/* The rules of all geometries about fields. */
+static const struct update_rule type_rule = {BVHD_VUID_03761, offsetof(struct record_geometry, type), "geometryType"},
+                                geometry_rules[] = {
+                                    {BVHD_VUID_03762, offsetof(struct record_geometry, flags), "flags"},
 };
 
 static uint32_t field_of(const void *record, const struct update_rule *rule)
@@ -61,6 +61,16 @@ static enum bvhd_status check_fields(const struct update_comparison *comparison,
     return BVHD_OK;
 }
 
+/* Compares Vulkan's types, which triangles and motion triangles have in common. */
+static enum bvhd_status check_type(const struct update_comparison *comparison, uint32_t g)
+{
+    const uint32_t before = kind_find(comparison->source->geometries[g].type)->vulkan_type,
+                   now = kind_find(comparison->now->geometries[g].type)->vulkan_type;
+    if (before == now)
+        return BVHD_OK;
+    return report(comparison, &type_rule, update_place(comparison, g, type_rule.name).text, before, now);
+}
+
 static enum bvhd_status check_count(const struct update_comparison *comparison, uint32_t g)
 {
     const struct record_geometry *before = &comparison->source->geometries[g], *now = &comparison->now->geometries[g];
@@ -75,13 +85,33 @@ static enum bvhd_status check_count(const struct update_comparison *comparison, 
 static enum bvhd_status check_geometry(const struct update_comparison *comparison, uint32_t g)
 {
     const struct update_kind *kind = update_kind_of(comparison->now->geometries[g].type);
-    enum bvhd_status status =
-        check_fields(comparison, g, geometry_rules, sizeof geometry_rules / sizeof *geometry_rules);
+    enum bvhd_status status = check_type(comparison, g);
+    if (status == BVHD_OK)
+        status = check_fields(comparison, g, geometry_rules, sizeof geometry_rules / sizeof *geometry_rules);
     if (status == BVHD_OK)
         status = check_fields(comparison, g, kind->rules, kind->rule_count);
     if (status == BVHD_OK)
         status = check_count(comparison, g);
     return status == BVHD_OK && kind->check ? kind->check(comparison, g) : status;
+}
+
+/*
+ * Refuses to make a structure move that stood still, or the other way round, which takes other nodes. Vulkan has no
+ * rule about that. Geometries may begin and cease to move where another one moves before and after.
+ */
+static enum bvhd_status check_motion(const struct update_comparison *comparison)
+{
+    const bool before = kind_find(record_type_of(comparison->source))->moves,
+               now = kind_find(record_type_of(comparison->now))->moves;
+    const struct record_geometry *rows = (now ? comparison->now : comparison->source)->geometries;
+    uint32_t g = 0;
+    if (before == now)
+        return BVHD_OK;
+    while (!kind_find(rows[g].type)->moves)
+        g++;
+    return bvhd_error_set(comparison->error, BVHD_UNSUPPORTED, update_place(comparison, g, "triangles.motion").text,
+                          now ? "updates do not make a structure move that stood still"
+                              : "updates do not make a structure stand still that moved");
 }
 
 static uint64_t active_word(const struct record *record, uint64_t word)
@@ -127,6 +157,8 @@ enum bvhd_status update_rules_check(const struct record *source, const struct re
     enum bvhd_status status = check_header(&comparison);
     for (uint32_t g = 0; status == BVHD_OK && g < now->header->geometry_count; g++)
         status = check_geometry(&comparison, g);
+    if (status == BVHD_OK)
+        status = check_motion(&comparison);
     return status == BVHD_OK ? check_activity(&comparison) : status;
 }
 

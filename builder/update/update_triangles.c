@@ -1,20 +1,21 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* update_triangles.c - updates of triangles. */
-#include "builder/input/canonical_form.h"
-#include "builder/update/update_kind.h"
+#include "builder/update/update_triangles.h"
 
-static void describe(const struct form_geometry *form, struct record_geometry *row)
+#include "builder/input/canonical_form.h"
+
+void update_triangles_describe(const struct form_geometry *form, struct record_geometry *row)
 {
     row->has_transform = (form->update & FORM_UPDATE_TRANSFORM) != 0;
     row->max_vertex = form->max_vertex;
 }
 
-static bool row_is_sound(const struct record_geometry *row)
+bool update_triangles_row_is_sound(const struct record_geometry *row)
 {
     return row->indexed <= 1 && row->has_transform <= 1 && (row->indexed || row->index_sum == 0);
 }
 
-static const struct update_rule rules[] = {
+const struct update_rule update_triangles_rules[UPDATE_TRIANGLES_RULES] = {
     {BVHD_VUID_03763, offsetof(struct record_geometry, vertex_format), "triangles.vertexFormat"},
     {BVHD_VUID_03764, offsetof(struct record_geometry, max_vertex), "triangles.maxVertex"},
     {BVHD_VUID_03765, offsetof(struct record_geometry, index_type), "triangles.indexType"},
@@ -52,7 +53,7 @@ static enum bvhd_status check_indices(const struct update_comparison *comparison
                            "the indices are not those of the source of the update");
 }
 
-static enum bvhd_status check(const struct update_comparison *comparison, uint32_t g)
+enum bvhd_status update_triangles_check(const struct update_comparison *comparison, uint32_t g)
 {
     const struct record_geometry *before = &comparison->source->geometries[g], *now = &comparison->now->geometries[g];
     enum bvhd_status status = check_transform(comparison, g, before->has_transform, now->has_transform);
@@ -80,8 +81,7 @@ static bool is_indexed(const struct refit_records *records)
     return records->written.kind == &record_indexed_triangles;
 }
 
-/* Copies the records of a node: their vertices have the same rows. */
-static bool copy_indexed(const struct refit_records *records, uint32_t first, unsigned count)
+bool update_triangles_copy(const struct refit_records *records, uint32_t first, unsigned count)
 {
     const struct portable_header *header = records->source->header;
     const struct portable_indexed_triangle *source =
@@ -102,16 +102,10 @@ static bool write(const struct refit_records *records, uint32_t first, unsigned 
     const struct portable_triangle *source = (const struct portable_triangle *)records->source->records + first;
     uint32_t ids[REFIT_RECORDS_MAX];
     if (is_indexed(records))
-        return copy_indexed(records, first, count);
+        return update_triangles_copy(records, first, count);
     for (unsigned i = 0; i < count; i++)
         ids[i] = source[i].id & PORTABLE_ID_MASK;
     return update_write(records, first, ids, count);
-}
-
-static struct vec4_box box_of_corners(const float *a, const float *b, const float *c)
-{
-    const vec4 p = vec4_load3(a), q = vec4_load3(b), r = vec4_load3(c);
-    return (struct vec4_box){vec4_min(r, vec4_min(q, p)), vec4_max(r, vec4_max(q, p))};
 }
 
 static inline struct vec4_box box_of_indexed(const struct refit_records *records, uint32_t record)
@@ -119,14 +113,14 @@ static inline struct vec4_box box_of_indexed(const struct refit_records *records
     const void *written = records->written.records;
     const uint32_t *rows = ((const struct portable_indexed_triangle *)written)[record].vertices;
     const float *at = records->vertices;
-    return box_of_corners(at + 3 * (uint64_t)rows[0], at + 3 * (uint64_t)rows[1], at + 3 * (uint64_t)rows[2]);
+    return update_triangles_box(at + 3 * (uint64_t)rows[0], at + 3 * (uint64_t)rows[1], at + 3 * (uint64_t)rows[2]);
 }
 
 static inline struct vec4_box box_of_stored(const struct refit_records *records, uint32_t record)
 {
     const void *written = records->written.records;
     const struct portable_triangle *triangle = (const struct portable_triangle *)written + record;
-    return box_of_corners(triangle->v0, triangle->v1, triangle->v2);
+    return update_triangles_box(triangle->v0, triangle->v1, triangle->v2);
 }
 
 static void boxes(const struct refit_records *records, uint32_t first, const uint8_t counts[8],
@@ -140,11 +134,11 @@ static void boxes(const struct refit_records *records, uint32_t first, const uin
 
 const struct update_kind update_triangles = {
     .version = 1,
-    .describe = describe,
-    .row_is_sound = row_is_sound,
-    .rules = rules,
-    .rule_count = sizeof rules / sizeof *rules,
-    .check = check,
+    .describe = update_triangles_describe,
+    .row_is_sound = update_triangles_row_is_sound,
+    .rules = update_triangles_rules,
+    .rule_count = UPDATE_TRIANGLES_RULES,
+    .check = update_triangles_check,
     .active = active,
     .has_nan = has_nan,
     .write = write,

@@ -23,12 +23,10 @@
 #include <bvhd/bvhd_structure.h>
 
 #include "builder/update/batch.h"
-#include "builder/update/update_kind.h"
 #include "builder/format/portable.h"
 #include "builder/format/serialized.h"
 #include "builder/piece/embree.h"
 #include "builder/traverse/lavapipe_traverse.h"
-#include "proto/base/kind.h"
 #include "tests/support/builder/broken_input.h"
 #include "tests/support/builder/random_judge.h"
 #include "tests/support/builder/random_kind.h"
@@ -45,16 +43,13 @@ static bool is_large(const struct random_run *run)
     return run->seed % LARGE_STEP >= LARGE_FROM;
 }
 
-/* Returns the request with what the command line says. What cannot be updated is not built for updates. */
+/* Returns the request with what the command line says. */
 static struct build_input as_told(const struct random_run *run, const struct build_input *input)
 {
     struct build_input told = *input;
     told.options.builder = run->builder;
     if (run->quality)
         told.options.quality = run->quality;
-    for (uint32_t i = 0; input->geometries && i < input->geometry_count; i++)
-        if (kind_find(input->geometries[i].type) && !update_kind_of(input->geometries[i].type))
-            told.flags &= ~(uint32_t)BUILD_ALLOW_UPDATE;
     return told;
 }
 

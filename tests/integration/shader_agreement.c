@@ -259,8 +259,6 @@ static void build_one(struct run *run, const struct build_input *input, struct b
     struct build_context context = {.memory = &run->memory, .parallel = &parallel_serial};
     struct build_input told = *input;
     told.options.builder = builders_turn(run->seed / 2);
-    if (run->kinds == RANDOM_MOTION || run->kinds == RANDOM_ALL)
-        told.flags &= ~(uint32_t)BUILD_ALLOW_UPDATE; /* which what moves does not have */
     if (batch_build(&told, 1, &limits, &context, ret_item, &error) != BVHD_OK || ret_item->status != BVHD_OK ||
         portable_open((struct bytes){ret_item->blob, ret_item->size}, &run->memory, ret_view, &error) != BVHD_OK) {
         fprintf(stderr, "shader_agreement --kinds %s 1 %llu: does not build: %s\n", random_choice_name(run->kinds),

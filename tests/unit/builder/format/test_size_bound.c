@@ -79,7 +79,6 @@ static void no_moving_structure_is_larger(void **state)
         struct random_input input;
         random_input_bottom_of(&input, &random, seed % 8 ? 16 : MOST_PRIMITIVES, RANDOM_MOTION);
         moving += random_input_moves(&input);
-        input.input.flags &= ~(uint32_t)BUILD_ALLOW_UPDATE;
         check_bound(&input.input, seed);
         random_input_finish(&input);
     }

@@ -86,6 +86,64 @@ static void records_hold_formats_and_modes(void **state)
     }
 }
 
+/* Rows of what moves make the version newer, wherever they are. What stands still under the flag keeps the oldest. */
+static void records_of_motion_hold_their_rows(void **state)
+{
+    static const uint32_t types[4][2] = {{GEOMETRY_MOVING_TRIANGLES, GEOMETRY_MOVING_TRIANGLES},
+                                         {GEOMETRY_MOVING_TRIANGLES, GEOMETRY_TRIANGLES},
+                                         {GEOMETRY_TRIANGLES, GEOMETRY_MOVING_TRIANGLES},
+                                         {GEOMETRY_TRIANGLES, GEOMETRY_TRIANGLES}};
+    static struct test_input input;
+    (void)state;
+    for (int i = 0; i < 4; i++) {
+        inputs_motion_triangles(&input);
+        input.geometries[0].type = types[i][0];
+        input.geometries[1].type = types[i][1];
+        input.input.flags |= BUILD_ALLOW_UPDATE;
+        struct record_header *bytes = complete_input(&input);
+        struct record record;
+        assert_int_equal(record_open((struct bytes){(unsigned char *)bytes, bytes->size}, &record, NULL), BVHD_OK);
+        assert_int_equal(record.header->version, i == 3 ? 1 : 3);
+        assert_int_equal(record_type_of(&record), i == 3 ? GEOMETRY_TRIANGLES : GEOMETRY_MOVING_TRIANGLES);
+        for (int g = 0; g < 2; g++) {
+            assert_int_equal(record.geometries[g].type, input.geometries[g].type);
+            assert_int_equal(record.geometries[g].has_transform, g == 0);
+            assert_int_equal(record.geometries[g].max_vertex, 8);
+            assert_int_equal(record.geometries[g].index_type, g ? INDEX_NONE : INDEX_UINT16);
+        }
+        free(bytes);
+    }
+}
+
+/* A NaN at either end makes a primitive inactive, if its type uses that number. */
+static void either_end_can_be_inactive(void **state)
+{
+    static struct test_input input;
+    (void)state;
+    for (int end = 0; end < 2; end++) {
+        inputs_mixed_triangles(&input);
+        input.input.flags |= BUILD_ALLOW_UPDATE;
+        (end ? input.end_vertices : input.vertices)[4][1] = NAN; /* of geometry 1, which has no other end */
+        (end ? input.end_vertices : input.vertices)[3][2] = NAN; /* a corner of geometry 0's second triangle, too */
+        struct record record = update_bed_record(&input);
+        for (uint32_t i = 0; i < 5; i++)
+            assert_int_equal(record_is_active(&record, i), end ? i > 1 : i != 0 && i != 1 && i != 3);
+        record_finish(&record, &bed_memory);
+    }
+    inputs_motion_instances(&input);
+    input.input.flags |= BUILD_ALLOW_UPDATE;
+    inputs_set_motion_record(&input, 1, MOTION_STATIC, 55, 0);
+    inputs_set_motion_record(&input, 4, MOTION_MATRIX, 55, 0);
+    memcpy(&input.motion_records[0][20], &(float){NAN}, 4); /* behind what a static one has */
+    memcpy(&input.motion_records[2][25], &(float){NAN}, 4); /* the last number of the matrix at t = 1 */
+    memcpy(&input.motion_records[3][33], &(float){NAN}, 4); /* the last number of the SRT at t = 1 */
+    struct record record = update_bed_record(&input);
+    assert_int_equal(record.header->version, 3);
+    for (uint32_t i = 0; i < INPUTS_MOTION_RECORDS; i++)
+        assert_int_equal(record_is_active(&record, i), i != 2 && i != 3);
+    record_finish(&record, &bed_memory);
+}
+
 static void inactive_primitives_have_a_bit(void **state)
 {
     static struct test_input input;
@@ -345,6 +403,68 @@ static void foreign_rows_of_new_kinds_are_checked(void **state)
     free(bytes);
 }
 
+/* A wrong value in a record of motion, and the row that the reader names. */
+struct motion_damage {
+    size_t offset;
+    uint32_t value;
+    uint32_t row;
+};
+
+#define SECOND(field) (ROW(field) + sizeof(struct record_geometry))
+
+static void check_motion_damages(const struct test_input *input, const struct motion_damage *wrong, size_t count)
+{
+    struct record_header *bytes = complete_input(input), *copy = malloc(bytes->size);
+    struct bvhd_error error;
+    assert_int_equal(open_bytes(bytes, bytes->size, &error), BVHD_OK);
+    for (size_t i = 0; i < count; i++) {
+        memcpy(copy, bytes, bytes->size);
+        memcpy((char *)copy + wrong[i].offset, &wrong[i].value, 4);
+        assert_int_equal(open_bytes(copy, bytes->size, &error), BVHD_CORRUPT);
+        assert_string_equal(error.where, wrong[i].row ? "record.geometries[1]" : "record.geometries[0]");
+    }
+    free(copy);
+    free(bytes);
+}
+
+static void foreign_rows_of_motion_are_checked(void **state)
+{
+    static const uint32_t motion = BUILD_ALLOW_UPDATE | BUILD_MOTION;
+    static const struct motion_damage mixed[] = {
+        {HEADER(version), 1, 0},
+        {HEADER(version), 2, 0},
+        {HEADER(flags), BUILD_ALLOW_UPDATE, 0},
+        {HEADER(type), STRUCTURE_TOP, 0},
+        {ROW(type), GEOMETRY_TRIANGLES, 0}, /* the version has rows of what moves, and there are none */
+        {ROW(type), GEOMETRY_MOVING_INSTANCES, 0},
+        {SECOND(type), GEOMETRY_INSTANCES, 1},
+        {SECOND(type), GEOMETRY_MOVING_INSTANCES, 1},
+        {SECOND(type), GEOMETRY_SPHERES, 1}, /* sound by itself, but not beside triangles */
+        {ROW(indexed), 2, 0},
+        {SECOND(has_transform), 2, 1},
+    };
+    static const struct motion_damage top[] = {
+        {HEADER(version), 1, 0},
+        {HEADER(flags), BUILD_ALLOW_UPDATE, 0},
+        {HEADER(type), STRUCTURE_BOTTOM, 0},
+        {ROW(type), GEOMETRY_INSTANCES, 0},
+        {ROW(type), GEOMETRY_MOVING_TRIANGLES, 0},
+        {ROW(max_vertex), 1, 0},
+    };
+    static const struct motion_damage still[] = {{HEADER(flags), motion, 0}};
+    static struct test_input input;
+    (void)state;
+    inputs_mixed_triangles(&input);
+    input.input.flags = motion;
+    check_motion_damages(&input, mixed, sizeof mixed / sizeof *mixed);
+    inputs_motion_instances(&input);
+    input.input.flags = motion;
+    check_motion_damages(&input, top, sizeof top / sizeof *top);
+    inputs_instances(&input);
+    input.input.flags = BUILD_ALLOW_UPDATE;
+    check_motion_damages(&input, still, 1);
+}
+
 static void foreign_bits_are_checked(void **state)
 {
     static struct test_input input;
@@ -373,6 +493,8 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(records_hold_what_is_compared),
+        cmocka_unit_test(records_of_motion_hold_their_rows),
+        cmocka_unit_test(either_end_can_be_inactive),
         cmocka_unit_test(inactive_primitives_have_a_bit),
         cmocka_unit_test(unused_vertices_do_not_count),
         cmocka_unit_test(threads_do_not_matter),
@@ -381,6 +503,7 @@ int main(void)
         cmocka_unit_test(foreign_bits_are_checked),
         cmocka_unit_test(records_hold_formats_and_modes),
         cmocka_unit_test(foreign_rows_of_new_kinds_are_checked),
+        cmocka_unit_test(foreign_rows_of_motion_are_checked),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -45,6 +45,24 @@ static void make_swept(struct test_input *input)
     input->input.flags = BUILD_ALLOW_UPDATE;
 }
 
+static void make_motion(struct test_input *input)
+{
+    inputs_motion_triangles(input);
+    input->input.flags |= BUILD_ALLOW_UPDATE;
+}
+
+static void make_mixed(struct test_input *input)
+{
+    inputs_mixed_triangles(input);
+    input->input.flags |= BUILD_ALLOW_UPDATE;
+}
+
+static void make_motion_instances(struct test_input *input)
+{
+    inputs_motion_instances(input);
+    input->input.flags |= BUILD_ALLOW_UPDATE;
+}
+
 static void set_type(struct test_input *input)
 {
     make_instances(input);
@@ -244,6 +262,55 @@ static void deactivate_instance(struct test_input *input)
     inputs_set_record(input, 2, 0, 0);
 }
 
+static void deactivate_end(struct test_input *input)
+{
+    input->end_vertices[8][1] = NAN; /* the last triangle of the geometry without indices */
+}
+
+static void stop(struct test_input *input)
+{
+    input->geometries[0].type = GEOMETRY_TRIANGLES;
+}
+
+/* With the flag MOTION, but nothing that moves. */
+static void make_still(struct test_input *input)
+{
+    make_motion(input);
+    input->geometries[0].type = input->geometries[1].type = GEOMETRY_TRIANGLES;
+}
+
+static void start(struct test_input *input)
+{
+    input->geometries[1].type = GEOMETRY_MOVING_TRIANGLES;
+    input->geometries[1].triangles.end_vertices = input->geometries[0].triangles.end_vertices;
+}
+
+static void become_boxes(struct test_input *input)
+{
+    make_motion(input);
+    input->geometries[0] = (struct geometry){.type = GEOMETRY_AABBS,
+                                             .aabbs = {24, {(const unsigned char *)input->boxes, sizeof input->boxes}},
+                                             .range = {.primitive_count = 2}};
+    input->input.geometry_count = 1;
+}
+
+static void make_one_motion(struct test_input *input)
+{
+    make_motion(input);
+    input->input.geometry_count = 1;
+}
+
+static void activate_motion_instance(struct test_input *input)
+{
+    inputs_set_motion_record(input, 4, MOTION_STATIC, 55, 0);
+}
+
+static void deactivate_motion_instance(struct test_input *input)
+{
+    const float nan = NAN;
+    memcpy(&input->motion_records[3][33], &nan, sizeof nan); /* the last number at t = 1 */
+}
+
 static const struct change changes[] = {
     {make_triangles, set_type, BVHD_INVALID, "pInfos-03760", "infos[2].type"},
     {make_triangles, set_flags, BVHD_INVALID, "pInfos-03759", "infos[2].flags"},
@@ -285,6 +352,25 @@ static const struct change changes[] = {
     {make_same_swept, deactivate_sphere, BVHD_INVALID, "pInfos-03664", "infos[2].geometries[0].linearSweptSpheres[0]"},
     {make_instances, activate_instance, BVHD_INVALID, "pInfos-03663", "infos[2].geometries[0].instances[1]"},
     {make_instances, deactivate_instance, BVHD_INVALID, "pInfos-03664", "infos[2].geometries[0].instances[2]"},
+    {make_one_motion, become_boxes, BVHD_INVALID, "pInfos-03761", "infos[2].geometries[0].geometryType"},
+    {make_motion, set_geometry_flags, BVHD_INVALID, "pInfos-03762", "infos[2].geometries[1].flags"},
+    {make_motion, set_format, BVHD_INVALID, "pInfos-03763", "infos[2].geometries[0].triangles.vertexFormat"},
+    {make_motion, set_max_vertex, BVHD_INVALID, "pInfos-03764", "infos[2].geometries[1].triangles.maxVertex"},
+    {make_motion, set_index_type, BVHD_INVALID, "pInfos-03765", "infos[2].geometries[0].triangles.indexType"},
+    {make_motion, set_transform, BVHD_INVALID, "pInfos-03766", "infos[2].geometries[1].triangles.transformData"},
+    {make_motion, clear_transform, BVHD_INVALID, "pInfos-03767", "infos[2].geometries[0].triangles.transformData"},
+    {make_motion, set_index, BVHD_INVALID, "pInfos-03768", "infos[2].geometries[0].triangles.indexData"},
+    {make_mixed, swap_indices, BVHD_INVALID, "pInfos-03768", "infos[2].geometries[0].triangles.indexData"},
+    {make_motion, set_primitive_count, BVHD_INVALID, "primitiveCount-03769", "ranges[2][1].primitiveCount"},
+    {make_motion, clear_stride, BVHD_UNSUPPORTED, "", "infos[2].geometries[1].triangles.vertexStride"},
+    {make_motion, deactivate_triangle, BVHD_INVALID, "pInfos-03664", "infos[2].geometries[1].triangles[2]"},
+    {make_motion, deactivate_end, BVHD_INVALID, "pInfos-03664", "infos[2].geometries[1].triangles[2]"},
+    {make_mixed, stop, BVHD_UNSUPPORTED, "", "infos[2].geometries[0].triangles.motion"},
+    {make_still, start, BVHD_UNSUPPORTED, "", "infos[2].geometries[1].triangles.motion"},
+    {make_motion_instances, activate_motion_instance, BVHD_INVALID, "pInfos-03663",
+     "infos[2].geometries[0].instances[4]"},
+    {make_motion_instances, deactivate_motion_instance, BVHD_INVALID, "pInfos-03664",
+     "infos[2].geometries[0].instances[3]"},
 };
 
 enum { CHANGES = sizeof changes / sizeof *changes };
@@ -356,6 +442,23 @@ static void move_instances(struct test_input *input)
     input->references[2].bounds.max[2] = 9;
 }
 
+static void move_motion(struct test_input *input)
+{
+    move_triangles(input);
+    for (int i = 0; i < INPUTS_VERTICES; i++)
+        input->end_vertices[i][2] *= 3;
+    input->geometries[0].triangles.end_vertices.data += 20;
+}
+
+/* Each instance gets the type of another one. */
+static void move_motion_instances(struct test_input *input)
+{
+    inputs_set_motion_record(input, 0, MOTION_SRT, 55, INSTANCE_FLIP_FACING);
+    inputs_set_motion_record(input, 2, MOTION_STATIC, 77, 0);
+    inputs_set_motion_record(input, 3, MOTION_MATRIX, 77, 0);
+    inputs_set_motion_record(input, 4, MOTION_MATRIX, 0, 0);
+}
+
 static void what_may_change(void **state)
 {
     static const struct {
@@ -364,7 +467,12 @@ static void what_may_change(void **state)
                  {make_aabbs, move_boxes},
                  {make_instances, move_instances},
                  {make_spheres, move_round},
-                 {make_swept, move_round}};
+                 {make_swept, move_round},
+                 {make_motion, move_motion},
+                 {make_mixed, move_motion},
+                 {make_motion, stop}, /* one geometry, while the other one moves */
+                 {make_mixed, start},
+                 {make_motion_instances, move_motion_instances}};
     (void)state;
     for (size_t i = 0; i < sizeof moves / sizeof *moves; i++) {
         static struct test_input source, now;
