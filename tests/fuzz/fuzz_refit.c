@@ -22,7 +22,19 @@
 enum { HEAD = 4, CHOICE_RECORD = 1, CHOICE_REPAIR = 2, BUDGET = 64 << 20 };
 enum { SIDE = 6, GRID_VERTICES = SIDE * SIDE, GRID_TRIANGLES = 2 * (SIDE - 1) * (SIDE - 1) };
 
-enum shape { TRIANGLES, GRID, BOXES, INSTANCES, SPHERES, SWEPT_SPHERES, EMPTY };
+enum shape {
+    TRIANGLES,
+    GRID,
+    BOXES,
+    INSTANCES,
+    SPHERES,
+    SWEPT_SPHERES,
+    EMPTY,
+    MOVING_TRIANGLES,
+    MIXED_TRIANGLES,
+    MOVING_GRID,
+    MOVING_INSTANCES
+};
 
 static const struct {
     enum shape shape;
@@ -44,9 +56,13 @@ static const struct {
     {EMPTY, TARGET_LAVAPIPE, 0, LAVAPIPE_PLAIN},
     {SPHERES, TARGET_PORTABLE, 0, 0},
     {SWEPT_SPHERES, TARGET_PORTABLE, 0, 0},
+    {MOVING_TRIANGLES, TARGET_PORTABLE, 0, 0},
+    {MIXED_TRIANGLES, TARGET_PORTABLE, 0, 0},
+    {MOVING_GRID, TARGET_PORTABLE, 0, 0},
+    {MOVING_INSTANCES, TARGET_PORTABLE, 0, 0},
 };
 
-enum { KINDS = sizeof kinds / sizeof kinds[0], INDEXED_KIND = 0, BOXES_KIND = 3 };
+enum { KINDS = sizeof kinds / sizeof kinds[0], INDEXED_KIND = 0, BOXES_KIND = 3, MOVING_KIND = 15 };
 
 /* A kind's own structure and record, which are made before the first input and are kept. */
 struct sound {
@@ -64,7 +80,7 @@ static struct sound sounds[KINDS];
 /* A request, and the data of those shapes that inputs.h does not have. */
 struct request {
     struct test_input test;
-    float vertices[GRID_VERTICES][3];
+    float vertices[GRID_VERTICES][3], end_vertices[GRID_VERTICES][3];
     uint16_t indices[GRID_TRIANGLES][3];
 };
 
@@ -75,6 +91,8 @@ static void make_grid(struct request *request)
         request->vertices[i][0] = (float)(i % SIDE);
         request->vertices[i][1] = (float)(i / SIDE);
         request->vertices[i][2] = (float)(i * i % 5);
+        for (int k = 0; k < 3; k++)
+            request->end_vertices[i][k] = request->vertices[i][k] + (float)(i * (k + 1) % 7);
     }
     for (int i = 0; i < GRID_TRIANGLES; i++) {
         const uint16_t quad = (uint16_t)(i / 2), corner = (uint16_t)(quad / (SIDE - 1) * SIDE + quad % (SIDE - 1));
@@ -95,24 +113,44 @@ static void make_grid(struct request *request)
     };
 }
 
+static void make_moving_grid(struct request *request)
+{
+    struct geometry *grid = &request->test.geometries[0];
+    make_grid(request);
+    request->test.input.flags = BUILD_MOTION;
+    grid->type = GEOMETRY_MOVING_TRIANGLES;
+    grid->triangles.end_vertices =
+        (struct bytes){(const unsigned char *)request->end_vertices, sizeof request->end_vertices};
+}
+
+static void make_shape(enum shape shape, struct request *request)
+{
+    static void (*const makers[])(struct test_input * test) = {
+        [TRIANGLES] = inputs_triangles,
+        [BOXES] = inputs_aabbs,
+        [INSTANCES] = inputs_instances,
+        [SPHERES] = inputs_spheres,
+        [SWEPT_SPHERES] = inputs_swept_spheres,
+        [EMPTY] = inputs_triangles,
+        [MOVING_TRIANGLES] = inputs_motion_triangles,
+        [MIXED_TRIANGLES] = inputs_mixed_triangles,
+        [MOVING_INSTANCES] = inputs_motion_instances,
+    };
+    if (shape == GRID)
+        make_grid(request);
+    else if (shape == MOVING_GRID)
+        make_moving_grid(request);
+    else
+        makers[shape](&request->test);
+}
+
 static void make_request(uint32_t kind, struct request *request)
 {
     const enum shape shape = kinds[kind].shape;
-    if (shape == GRID)
-        make_grid(request);
-    else if (shape == BOXES)
-        inputs_aabbs(&request->test);
-    else if (shape == INSTANCES)
-        inputs_instances(&request->test);
-    else if (shape == SPHERES)
-        inputs_spheres(&request->test);
-    else if (shape == SWEPT_SPHERES)
-        inputs_swept_spheres(&request->test);
-    else
-        inputs_triangles(&request->test);
+    make_shape(shape, request);
     struct build_input *input = &request->test.input;
     input->geometry_count = shape == EMPTY ? 0 : input->geometry_count;
-    input->flags = BUILD_ALLOW_UPDATE;
+    input->flags |= BUILD_ALLOW_UPDATE;
     input->options = (struct build_options){.quality = QUALITY_BALANCED,
                                             .target = kinds[kind].target,
                                             .layout_flags = kinds[kind].layout_flags,
@@ -122,13 +160,18 @@ static void make_request(uint32_t kind, struct request *request)
 static void move(struct request *request)
 {
     struct test_input *test = &request->test;
-    for (int i = 0; i < INPUTS_VERTICES; i++)
+    for (int i = 0; i < INPUTS_VERTICES; i++) {
         test->vertices[i][i % 3] += 0.5f;
-    for (int i = 0; i < GRID_VERTICES; i++)
+        test->end_vertices[i][(i + 1) % 3] -= 2;
+    }
+    for (int i = 0; i < GRID_VERTICES; i++) {
         request->vertices[i][2] *= -3;
+        request->end_vertices[i][1] *= 2;
+    }
     for (int i = 0; i < INPUTS_BOXES; i++)
         test->boxes[i][3] += 2;
     inputs_set_record(test, 0, 55, 0);
+    inputs_set_motion_record(test, 0, MOTION_MATRIX, 55, 0);
 }
 
 static const struct build_context sound_context = {.memory = &sound_memory, .parallel = &parallel_serial};
@@ -300,7 +343,8 @@ static void *copy_of(const uint8_t *bytes, size_t size)
 /* Makes the sizes in the headers agree with the number of bytes, so that what lies behind them is read. */
 static void repair(uint32_t kind, uint8_t *blob, size_t size)
 {
-    const uint64_t handles = kinds[kind].shape == INSTANCES ? 3 : 0,
+    const enum shape shape = kinds[kind].shape;
+    const uint64_t handles = shape == INSTANCES || shape == MOVING_INSTANCES ? 3 : 0,
                    body = bytes_align(SERIALIZED_HANDLES + 8 * handles, PORTABLE_BODY_ALIGNMENT);
     if (kinds[kind].target == TARGET_LAVAPIPE) {
         repair_structure(blob, size, kinds[kind].variant);
@@ -362,7 +406,7 @@ size_t fuzz_sample(uint32_t index, uint8_t *ret_bytes)
     static const struct {
         uint32_t kind;
         void (*change)(uint8_t *blob);
-    } changed[] = {{BOXES_KIND, skip_record}, {INDEXED_KIND, drop_tree}};
+    } changed[] = {{BOXES_KIND, skip_record}, {INDEXED_KIND, drop_tree}, {MOVING_KIND, drop_tree}};
     void (*change)(uint8_t * blob) = NULL;
     if (index >= sizeof choices * KINDS) {
         const size_t which = index - sizeof choices * KINDS;
