@@ -15,12 +15,10 @@
 #include <stdlib.h>
 
 #include "builder/update/batch.h"
-#include "builder/update/update_kind.h"
 #include "builder/format/lavapipe.h"
 #include "tests/support/builder/random_kind.h"
 #include "tests/support/builder/random_top.h"
 #include "builder/workers.h"
-#include "proto/base/kind.h"
 
 enum { TEAMS = 3, GRID = 260 }; /* 135,200 triangles: at least three pieces */
 
@@ -105,20 +103,11 @@ static void choose_target(struct build_input *input, struct random *random)
         (struct device_format){.driver_uuid = "determinism", .variant = 1 + random_below(random, LAVAPIPE_VARIANTS)};
 }
 
-/* What moves is not built for updates while it cannot be updated. */
-static void choose_flags(struct build_input *input)
-{
-    for (uint32_t i = 0; input->geometries && i < input->geometry_count; i++)
-        if (kind_find(input->geometries[i].type)->moves && !update_kind_of(input->geometries[i].type))
-            input->flags &= ~(uint32_t)BUILD_ALLOW_UPDATE;
-}
-
 static void run_bottom(struct run *run, struct random *random)
 {
     struct random_input bottom;
     struct batch_item item;
     random_input_bottom_of(&bottom, random, 3000, run->kinds);
-    choose_flags(&bottom.input);
     if (bottom.kind->shape == ORACLE_TRIANGLES && !random_input_moves(&bottom))
         choose_target(&bottom.input, random);
     if (build_with_all(run, &bottom.input, "a random bottom level", &item))
@@ -131,9 +120,7 @@ static void run_top(struct run *run, struct random *random)
     struct random_top top;
     struct batch_item item;
     random_top_init_of(&top, random, 200, run->kinds);
-    choose_flags(&top.input);
     for (uint32_t i = 0; i < top.bottom_count; i++) {
-        choose_flags(&top.bottoms[i].input);
         if (!build_with_all(run, &top.bottoms[i].input, "a bottom level", &item))
             continue;
         top.references[i].key = item.key;

@@ -40,6 +40,7 @@ struct random_plan {
     unsigned char *vertices; /* from the geometry's own offset on */
     unsigned char *end_vertices; /* the same at time 1; NULL: they stand still */
     float *matrix; /* the transform; NULL: none */
+    bool has_moved; /* before it stood still */
     uint32_t indices[]; /* of all corners, without first_vertex */
 };
 
@@ -285,6 +286,41 @@ static void move(struct random_input *input, uint32_t index, struct random *rand
     mean(plan, &input->meanings[index]);
 }
 
+/* Makes what stands still move, or what moves stand still for ever, so that no buffer is made twice. */
+static void begin_or_end(struct random_input *input, uint32_t index, struct random *random)
+{
+    struct geometry *geometry = &input->geometries[index];
+    struct random_plan *plan = input->plans[index];
+    const bool moves = geometry->type == GEOMETRY_TRIANGLES;
+    if (moves && plan->has_moved)
+        return;
+    geometry->type = moves ? GEOMETRY_MOVING_TRIANGLES : GEOMETRY_TRIANGLES;
+    plan->has_moved = true;
+    if (moves) {
+        make_end_vertices(input, plan, random, geometry);
+    } else {
+        geometry->triangles.end_vertices = (struct bytes){NULL, 0};
+        plan->end_vertices = NULL;
+    }
+    input->meanings[index].moved |= !moves;
+}
+
+static bool moves_elsewhere(const struct random_input *input, uint32_t index)
+{
+    bool moves = false;
+    for (uint32_t i = 0; i < input->input.geometry_count; i++)
+        moves |= i != index && input->geometries[i].type == GEOMETRY_MOVING_TRIANGLES;
+    return moves;
+}
+
+/* An update may change which geometries move as long as one of them does. */
+static void move_moving(struct random_input *input, uint32_t index, struct random *random)
+{
+    if (random_chance(random, 0.2) && moves_elsewhere(input, index))
+        begin_or_end(input, index, random);
+    move(input, index, random);
+}
+
 static struct random_fields fields(struct geometry *geometry)
 {
     struct geometry_triangles *triangles = &geometry->triangles;
@@ -324,6 +360,6 @@ static void blank_moving(struct geometry *geometry, struct bytes bytes)
 
 const struct random_kind random_moving_triangles = {.type = GEOMETRY_MOVING_TRIANGLES,
                                                     .make = make_moving,
-                                                    .move = move,
+                                                    .move = move_moving,
                                                     .fields = moving_fields,
                                                     .blank = blank_moving};
