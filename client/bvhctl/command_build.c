@@ -58,11 +58,16 @@ static void build_scene(struct build_command *command, const char *path)
     struct import import;
     struct bvhd_error error = {0};
     progress_begin(&run->progress, "importing", path);
-    const struct import_moment moment = {run->options->moment, run->options->animation};
-    const struct import_wish wish = {.scene = run->options->scene,
-                                     .moment = run->options->has_moment ? &moment : NULL,
-                                     .point_radius = run->options->point_radius,
-                                     .line_radius = run->options->line_radius};
+    const struct options *options = run->options;
+    const struct import_moment moment = {.time = options->has_shutter ? options->shutter[0] : options->moment,
+                                         .animation = options->animation,
+                                         .is_shutter = options->has_shutter,
+                                         .end = options->shutter[1],
+                                         .is_for_updates = options->build_flags & BUILD_ALLOW_UPDATE};
+    const struct import_wish wish = {.scene = options->scene,
+                                     .moment = options->has_moment || options->has_shutter ? &moment : NULL,
+                                     .point_radius = options->point_radius,
+                                     .line_radius = options->line_radius};
     enum bvhd_status status = import_scene_as(path, &wish, &run->memory, &import, &error);
     progress_end(&run->progress);
     memory_explain(&run->memory, &error);
@@ -74,6 +79,7 @@ static void build_scene(struct build_command *command, const char *path)
                   import.mesh_count, (unsigned long long)import.triangle_count, (unsigned long long)import.point_count,
                   (unsigned long long)import.line_count, import.instance_count, import.bottom_count);
     notes_left_out(&import);
+    notes_motion(&import);
     write_scene(command, &import, path);
     for (uint32_t i = 0; i < import.file_count; i++)
         depfile_add(&command->depfile, import.files[i]);

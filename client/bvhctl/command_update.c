@@ -202,9 +202,18 @@ static void update_frame(struct update_command *command, uint32_t number)
     struct bvhd_error error = {0};
     struct frame frame = {.number = number, .wish = command->wish.wish, .moment = command->wish.moment};
     if (options->has_moment || options->has_frames) {
+        double length = frame.moment.end - frame.moment.time; /* of a shutter interval, which begins at each moment */
         frame.moment.time = options->has_frames ? options->frames[0] + number * options->frames[2] : options->moment;
+        frame.moment.end = frame.moment.time + length;
         frame.wish.moment = &frame.moment;
     }
+    if (options->has_shutter) {
+        frame.moment.time = options->shutter[0];
+        frame.moment.end = options->shutter[1];
+        frame.moment.is_shutter = true;
+        frame.wish.moment = &frame.moment;
+    }
+    frame.moment.is_for_updates = true;
     if (options->animation)
         frame.moment.animation = options->animation;
     frame.output = frame_output(command, number);

@@ -58,6 +58,9 @@ printed build --local build ball.ply odd.ply -o native --probe device
 printed build --local build ball.ply -o ball.bvhd
 printed build --local build yard.gltf -o later --at 1.5
 printed build --local build yard.gltf odd.ply -o round --points 0.1 --lines 0.2
+"$make_scene" dance --size 1000 -o dance.glb >/dev/null
+printed build --local build dance.glb -o turning --shutter 0:0.25
+cp turning/manifest.json printed/manifest.8
 cp out/manifest.json printed/manifest.1
 cp round/manifest.json printed/manifest.7
 cp all/manifest.json printed/manifest.2

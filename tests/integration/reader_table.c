@@ -94,7 +94,10 @@ static void read_case(const struct scene_case *scene_case, struct found *ret_fou
     double start = clock_ms();
     memory_init(&memory, UINT64_MAX);
     *ret_found = (struct found){0};
-    const struct import_moment moment = {scene_case->at ? strtod(scene_case->at, NULL) : 0, scene_case->animation};
+    const struct import_moment moment = {.time = scene_case->at ? strtod(scene_case->at, NULL) : 0,
+                                         .animation = scene_case->animation,
+                                         .is_shutter = scene_case->until != NULL,
+                                         .end = scene_case->until ? strtod(scene_case->until, NULL) : 0};
     const struct import_wish wish = {.scene = scene_case->scene, .moment = scene_case->at ? &moment : NULL};
     ret_found->status = import_scene_as(scene_case->file, &wish, &memory, &import, &error);
     ret_found->milliseconds = clock_ms() - start;
@@ -132,10 +135,14 @@ static bool is_same(const struct scene_expected *a, const struct scene_expected 
 static int run_bvhctl(const char *bvhctl, const struct scene_case *scene_case, char ret_output[OUTPUT_SIZE])
 {
     char command[1024];
-    snprintf(command, sizeof command, "'%s' --local build %s -o out --json --threads 1 %s%s %s%s %s%s 2>/dev/null",
+    snprintf(command, sizeof command, "'%s' --local build %s -o out --json --threads 1 %s%s %s%s%s%s %s%s 2>/dev/null",
              bvhctl, scene_case->file, scene_case->scene ? "--scene " : "", scene_case->scene ? scene_case->scene : "",
-             scene_case->at ? "--at=" : "", scene_case->at ? scene_case->at : "",
-             scene_case->animation ? "--animation " : "", scene_case->animation ? scene_case->animation : "");
+             scene_case->until ? "--shutter="
+             : scene_case->at  ? "--at="
+                               : "",
+             scene_case->at ? scene_case->at : "", scene_case->until ? ":" : "",
+             scene_case->until ? scene_case->until : "", scene_case->animation ? "--animation " : "",
+             scene_case->animation ? scene_case->animation : "");
     FILE *pipe = popen(command, "r");
     if (!pipe)
         fail("popen");

@@ -151,6 +151,18 @@ static enum bvhd_status parse_moment(const char *text, struct options *options, 
     return BVHD_OK;
 }
 
+static enum bvhd_status parse_shutter(const char *text, struct options *options, struct bvhd_error *error)
+{
+    double *times = options->shutter;
+    int end = 0;
+    if (sscanf(text, "%lf:%lf%n", &times[0], &times[1], &end) != 2 || text[end])
+        return usage(error, "--shutter", "not of the form T0:T1: '%s'", text);
+    if (!isfinite(times[0]) || !isfinite(times[1]) || !(times[1] > times[0]))
+        return usage(error, "--shutter", "T1 is after T0: '%s'", text);
+    options->has_shutter = true;
+    return BVHD_OK;
+}
+
 static enum bvhd_status parse_frames(const char *text, struct options *options, struct bvhd_error *error)
 {
     double *frames = options->frames;
@@ -336,6 +348,8 @@ static enum bvhd_status apply(int value, const char *text, struct options *optio
         return parse_time(text, &options->seconds, error);
     case OPTION_AT:
         return parse_moment(text, options, error);
+    case OPTION_SHUTTER:
+        return parse_shutter(text, options, error);
     case OPTION_FRAMES:
         return parse_frames(text, options, error);
     case OPTION_POINTS:
@@ -471,6 +485,8 @@ static enum bvhd_status check_complete(const struct options *options, struct bvh
         return usage(error, "-o", "an empty name", "");
     if (options->has_frames && options->has_moment)
         return usage(error, "--frames", "makes no sense together with --at", "");
+    if (options->has_shutter && (options->has_moment || options->has_frames))
+        return usage(error, "--shutter", "makes no sense together with --%s", options->has_moment ? "at" : "frames");
     if (options->command == COMMAND_TRACE && !options->device)
         return usage(error, row->name, "wants --device: %s", "a device's name, cpu or auto");
     if (options->device && !*options->device)

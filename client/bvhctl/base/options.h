@@ -81,6 +81,8 @@ struct options {
     bool flip_order;
     bool has_moment; /* a scene is read at a moment of an animation: */
     double moment; /* in seconds */
+    bool has_shutter; /* or over a shutter interval: */
+    double shutter[2]; /* its beginning and its end, in seconds */
     bool has_frames; /* update: at several moments: */
     double frames[3]; /* the first, the last, and the seconds from one to the next */
     double most_decay; /* update; 0: not given */

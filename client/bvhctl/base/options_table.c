@@ -59,8 +59,13 @@ const struct option_row option_rows[] = {
     {"at", OPTION_AT, "SEC", ON_BUILD | ON_UPDATE,
      "read glTF files at this moment of an animation, with skins and morph targets (default: at rest, without them; "
      "update: as it was built)"},
+    {"shutter", OPTION_SHUTTER, "T0:T1", ON_BUILD | ON_UPDATE,
+     "read glTF files over the time from T0 to T1 seconds, while the shutter of a camera is open: what moves is built "
+     "as "
+     "motion triangles and motion instances (update: as it was built)"},
     {"animation", OPTION_ANIMATION, "NAME|NUMBER", ON_BUILD | ON_UPDATE,
-     "of --at and --frames: the animation, by its name or its number from 0 (default: the first of the file)"},
+     "of --at, --shutter and --frames: the animation, by its name or its number from 0 (default: the first of the "
+     "file)"},
     {"device", OPTION_DEVICE, "NAME", ON_TRACE,
      "cpu, a Vulkan device's number or a part of its name, or auto: a GPU that loads the structures, else cpu"},
     {"device", OPTION_DEVICE, "NAME", ON_PROBE,

@@ -20,14 +20,14 @@ VkAccelerationStructureKHR assemble_handle(uint64_t number)
 }
 
 static VkAccelerationStructureBuildGeometryInfoKHR describe_build(const struct options *options,
-                                                                  VkAccelerationStructureTypeKHR type, uint64_t handle,
-                                                                  uint32_t geometry_count,
+                                                                  VkAccelerationStructureTypeKHR type, bool moves,
+                                                                  uint64_t handle, uint32_t geometry_count,
                                                                   const VkAccelerationStructureGeometryKHR *geometries)
 {
     return (VkAccelerationStructureBuildGeometryInfoKHR){
         .sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_BUILD_GEOMETRY_INFO_KHR,
         .type = type,
-        .flags = options->build_flags,
+        .flags = options->build_flags | (moves ? VK_BUILD_ACCELERATION_STRUCTURE_MOTION_BIT_NV : 0u),
         .mode = VK_BUILD_ACCELERATION_STRUCTURE_MODE_BUILD_KHR,
         .dstAccelerationStructure = assemble_handle(handle),
         .geometryCount = geometry_count,
@@ -59,7 +59,7 @@ struct bottom_arrays {
     VkAccelerationStructureBuildGeometryInfoKHR *infos;
     const VkAccelerationStructureBuildRangeInfoKHR **ranges;
     VkAccelerationStructureGeometryKHR *geometries;
-    union assemble_round *rounds; /* one for each geometry */
+    union assemble_chain *chains; /* one for each geometry */
     VkAccelerationStructureBuildRangeInfoKHR *range_rows;
 };
 
@@ -68,7 +68,7 @@ static void bottom_arrays_finish(struct bottom_arrays *arrays, struct memory *me
     memory_free(memory, arrays->infos);
     memory_free(memory, arrays->ranges);
     memory_free(memory, arrays->geometries);
-    memory_free(memory, arrays->rounds);
+    memory_free(memory, arrays->chains);
     memory_free(memory, arrays->range_rows);
 }
 
@@ -80,28 +80,30 @@ static bool bottom_arrays_init(struct bottom_arrays *arrays, const struct import
     arrays->infos = memory_array(memory, import->bottom_count, sizeof *arrays->infos);
     arrays->ranges = memory_array(memory, import->bottom_count, sizeof *arrays->ranges);
     arrays->geometries = memory_array(memory, geometry_count, sizeof *arrays->geometries);
-    arrays->rounds = memory_array(memory, geometry_count, sizeof *arrays->rounds);
+    arrays->chains = memory_array(memory, geometry_count, sizeof *arrays->chains);
     arrays->range_rows = memory_array(memory, geometry_count, sizeof *arrays->range_rows);
-    return arrays->infos && arrays->ranges && arrays->geometries && arrays->rounds && arrays->range_rows;
+    return arrays->infos && arrays->ranges && arrays->geometries && arrays->chains && arrays->range_rows;
 }
 
 static void describe_bottoms(const struct scene_build *job, struct bottom_arrays *arrays)
 {
     VkAccelerationStructureGeometryKHR *geometries = arrays->geometries;
-    union assemble_round *rounds = arrays->rounds;
+    union assemble_chain *chains = arrays->chains;
     VkAccelerationStructureBuildRangeInfoKHR *ranges = arrays->range_rows;
     for (uint32_t i = 0; i < job->import->bottom_count; i++) {
         const struct import_bottom *bottom = &job->import->bottoms[i];
+        bool moves = false;
         for (uint32_t k = 0; k < bottom->mesh_count; k++) {
             const struct import_mesh *mesh = &job->import->meshes[bottom->meshes[k]];
-            geometries[k] = assemble_describe_mesh(mesh, job->options->geometry_flags, &rounds[k]);
+            moves |= mesh->end_positions != NULL;
+            geometries[k] = assemble_describe_mesh(mesh, job->options->geometry_flags, &chains[k]);
             ranges[k] = (VkAccelerationStructureBuildRangeInfoKHR){.primitiveCount = mesh->primitive_count};
         }
-        arrays->infos[i] = describe_build(job->options, VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR,
+        arrays->infos[i] = describe_build(job->options, VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR, moves,
                                           UINT64_C(1) + i, bottom->mesh_count, geometries);
         arrays->ranges[i] = ranges;
         geometries += bottom->mesh_count;
-        rounds += bottom->mesh_count;
+        chains += bottom->mesh_count;
         ranges += bottom->mesh_count;
     }
 }
@@ -161,19 +163,6 @@ static enum bvhd_status share_equal_bottoms(const struct scene_build *job, const
             ret_shared[bottoms[i].bottom] = ret_shared[bottoms[i - 1].bottom];
     memory_free(job->import->memory, bottoms);
     return BVHD_OK;
-}
-
-static VkAccelerationStructureInstanceKHR describe_instance(const struct import_instance *instance,
-                                                            const uint32_t *shared, uint32_t index)
-{
-    VkAccelerationStructureInstanceKHR record = {
-        .instanceCustomIndex = index & 0xffffff,
-        .mask = 0xff,
-        .accelerationStructureReference = instance->skipped ? 0 : UINT64_C(1) + shared[instance->bottom],
-    };
-    static const float identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
-    memcpy(record.transform.matrix, instance->skipped ? identity : instance->transform, sizeof record.transform.matrix);
-    return record;
 }
 
 /* Collects the structures that the top level names, each once, in the order in which its instances first name them. */
@@ -240,21 +229,47 @@ static enum bvhd_status read_handles(const struct scene_build *job, struct assem
     return BVHD_OK;
 }
 
+/* The records of a top level: motion instances, if anything in the scene moves. */
+struct top_records {
+    bool move;
+    void *data; /* VkAccelerationStructureInstanceKHR or struct assemble_motion_record, one for each instance */
+};
+
+static bool top_records_init(struct top_records *records, const struct import *import)
+{
+    records->move = import->motion_count || import->moving_meshes;
+    records->data = memory_array(import->memory, import->instance_count,
+                                 records->move ? sizeof(struct assemble_motion_record)
+                                               : sizeof(VkAccelerationStructureInstanceKHR));
+    return records->data != NULL;
+}
+
+static void describe_instances(const struct import *import, const uint32_t *shared, const struct top_records *records)
+{
+    VkAccelerationStructureInstanceKHR *still = records->data;
+    struct assemble_motion_record *moving = records->data;
+    for (uint32_t i = 0; i < import->instance_count; i++) {
+        uint64_t handle = UINT64_C(1) + shared[import->instances[i].bottom];
+        if (records->move)
+            moving[i] = assemble_describe_motion(import, i, handle);
+        else
+            still[i] = assemble_describe_instance(import, i, handle);
+    }
+}
+
 static enum bvhd_status build_described_top(const struct scene_build *job, struct assembly *assembly,
-                                            const uint32_t *shared, VkAccelerationStructureInstanceKHR *records,
-                                            const struct bvhd_reference *references)
+                                            const struct top_records *records, const struct bvhd_reference *references)
 {
     const struct import *import = job->import;
-    for (uint32_t i = 0; i < import->instance_count; i++)
-        records[i] = describe_instance(&import->instances[i], shared, i);
     VkAccelerationStructureGeometryKHR geometry = {
         .sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_GEOMETRY_KHR,
         .geometryType = VK_GEOMETRY_TYPE_INSTANCES_KHR,
         .geometry.instances = {.sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_GEOMETRY_INSTANCES_DATA_KHR,
-                               .data.hostAddress = records},
+                               .data.hostAddress = records->data},
     };
-    VkAccelerationStructureBuildGeometryInfoKHR info = describe_build(
-        job->options, VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR, UINT64_C(1) + import->bottom_count, 1, &geometry);
+    VkAccelerationStructureBuildGeometryInfoKHR info =
+        describe_build(job->options, VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR, records->move,
+                       UINT64_C(1) + import->bottom_count, 1, &geometry);
     VkAccelerationStructureBuildRangeInfoKHR range = {.primitiveCount = import->instance_count};
     const VkAccelerationStructureBuildRangeInfoKHR *ranges = &range;
     struct bvhd_build request = make_request(job->options, 1, &info, &ranges);
@@ -274,20 +289,23 @@ static enum bvhd_status build_top(const struct scene_build *job, struct assembly
     const struct import *import = job->import;
     struct memory *memory = import->memory;
     struct bvhd_error *failure = &assembly->items[import->bottom_count].error;
-    VkAccelerationStructureInstanceKHR *records = memory_array(memory, import->instance_count, sizeof *records);
+    struct top_records records;
+    bool has_records = top_records_init(&records, import);
     struct bvhd_reference *references = memory_array(memory, import->bottom_count, sizeof *references);
     bool *seen = memory_array(memory, import->bottom_count, sizeof *seen);
     uint32_t *shared = memory_array(memory, import->bottom_count, sizeof *shared);
     enum bvhd_status status =
-        records && references && seen && shared ? share_equal_bottoms(job, assembly, shared) : no_memory(job);
+        has_records && references && seen && shared ? share_equal_bottoms(job, assembly, shared) : no_memory(job);
     if (status == BVHD_OK && collect_references(job, assembly, shared, references, seen, failure) == BVHD_OK)
-        status = build_described_top(job, assembly, shared, records, references);
+        describe_instances(import, shared, &records);
+    if (status == BVHD_OK && failure->status == BVHD_OK)
+        status = build_described_top(job, assembly, &records, references);
     if (status == BVHD_OK && failure->status == BVHD_OK)
         status = read_handles(job, assembly);
     memory_free(memory, shared);
     memory_free(memory, seen);
     memory_free(memory, references);
-    memory_free(memory, records);
+    memory_free(memory, records.data);
     return status;
 }
 

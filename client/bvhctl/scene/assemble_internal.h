@@ -18,15 +18,32 @@ struct scene_build {
 /* Makes a handle, which only has to differ from the others of a call. */
 VkAccelerationStructureKHR assemble_handle(uint64_t number);
 
-/* What a geometry of points or lines has in its pNext chain. */
-union assemble_round {
+/* What a geometry of points, lines or motion triangles has in a pNext chain. */
+union assemble_chain {
     VkAccelerationStructureGeometrySpheresDataNV spheres;
     VkAccelerationStructureGeometryLinearSweptSpheresDataNV swept_spheres;
+    VkAccelerationStructureGeometryMotionTrianglesDataNV motion;
 };
 
-/* Describes a mesh, which has to outlive the result. *round has to do so, too: it is used for points and lines. */
+/*
+ * Describes a mesh, which has to outlive the result. *chain has to do so, too: all but triangles that stand still use
+ * it.
+ */
 VkAccelerationStructureGeometryKHR assemble_describe_mesh(const struct import_mesh *mesh, uint32_t geometry_flags,
-                                                          union assemble_round *round);
+                                                          union assemble_chain *chain);
+
+/* Describes an instance that names a handle, in the place of a record of a top level that stands still. */
+VkAccelerationStructureInstanceKHR assemble_describe_instance(const struct import *import, uint32_t index,
+                                                              uint64_t handle);
+
+/* A motion instance, as an array of them has it. */
+struct assemble_motion_record {
+    VkAccelerationStructureMotionInstanceNV instance;
+    uint64_t padding;
+};
+
+/* Does the same for a record of a top level in which something moves. */
+struct assemble_motion_record assemble_describe_motion(const struct import *import, uint32_t index, uint64_t handle);
 
 /* A request whose structures are updated if they have a source. */
 struct assembly_request {

@@ -74,6 +74,8 @@ static void add_mesh(struct checksum *sum, const struct import_mesh *mesh)
     add_bytes(sum, counts, sizeof counts);
     add_bytes(sum, mesh->colour, mesh->has_colour ? sizeof mesh->colour : 0);
     add_bytes(sum, mesh->positions, mesh->vertex_count * UINT64_C(12));
+    if (mesh->end_positions)
+        add_bytes(sum, mesh->end_positions, mesh->vertex_count * UINT64_C(12));
     add_bytes(sum, mesh->indices, import_corner_count(mesh) * 4);
     if (mesh->radii)
         add_bytes(sum, mesh->radii, mesh->vertex_count * UINT64_C(4));

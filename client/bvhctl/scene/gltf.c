@@ -14,6 +14,7 @@
 #include "client/bvhctl/scene/gltf_nodes.h"
 #include "client/bvhctl/scene/gltf_pose.h"
 #include "client/bvhctl/scene/gltf_scenes.h"
+#include "client/bvhctl/scene/gltf_shutter.h"
 #include "client/bvhctl/scene/import_round.h"
 
 /* The state of the reader. */
@@ -23,9 +24,8 @@ struct reader {
     const struct import_wish *wish;
     struct gltf_pose pose; /* only of a wish with a moment */
     struct gltf_forms forms;
+    struct gltf_spot *spots; /* one for each instance of the walk, only of a shutter interval */
     struct form_use {
-        uint32_t first; /* its first import mesh */
-        uint32_t count; /* and how many there are */
         bool has[IMPORT_SHAPES]; /* a primitive of the shape */
         uint32_t bottoms[IMPORT_SHAPES]; /* its bottom level of each shape + 1; 0: none yet */
     } * uses; /* one for each form */
@@ -60,7 +60,8 @@ static enum bvhd_status number_meshes(struct reader *reader)
         if (status)
             return status;
         for (; form; form = reader->forms.items[form - 1].next) {
-            reader->uses[form - 1] = (struct form_use){.first = (uint32_t)total, .count = primitives};
+            reader->forms.items[form - 1].first_mesh = (uint32_t)total;
+            reader->forms.items[form - 1].mesh_count = primitives;
             total += primitives;
         }
     }
@@ -77,10 +78,9 @@ static enum bvhd_status number_meshes(struct reader *reader)
 static enum bvhd_status read_form(struct reader *reader, uint32_t form)
 {
     const struct gltf_form *from = &reader->forms.items[form];
-    const struct form_use *use = &reader->uses[form];
-    struct import_mesh *meshes = reader->import->meshes + use->first;
+    struct import_mesh *meshes = reader->import->meshes + from->first_mesh;
     enum bvhd_status status = gltf_mesh_read(&reader->file, from->mesh, reader->wish, meshes);
-    for (uint32_t i = 0; i < use->count; i++) {
+    for (uint32_t i = 0; i < from->mesh_count; i++) {
         meshes[i].counts.skins = from->is_skinned && !reader->wish->moment;
         if (reader->wish->moment)
             meshes[i].counts.morphs = 0;
@@ -103,13 +103,13 @@ static enum bvhd_status read_meshes(struct reader *reader)
 
 static void read_form_look(const struct reader *reader, struct gltf_looks *looks, uint32_t form)
 {
-    const struct form_use *use = &reader->uses[form];
-    struct gltf_value mesh = gltf_item(&reader->file, GLTF_MESHES, reader->forms.items[form].mesh);
+    const struct gltf_form *from = &reader->forms.items[form];
+    struct gltf_value mesh = gltf_item(&reader->file, GLTF_MESHES, from->mesh);
     struct gltf_value list = gltf_member(&mesh, "primitives");
-    const cJSON *item = use->count ? list.json->child : NULL;
-    for (uint32_t k = 0; k < use->count; k++, item = item->next) {
+    const cJSON *item = from->mesh_count ? list.json->child : NULL;
+    for (uint32_t k = 0; k < from->mesh_count; k++, item = item->next) {
         struct gltf_value primitive = gltf_element(&list, item, k);
-        gltf_look_read(looks, &primitive, reader->import->meshes + use->first + k);
+        gltf_look_read(looks, &primitive, reader->import->meshes + from->first_mesh + k);
     }
 }
 
@@ -127,18 +127,22 @@ static enum bvhd_status read_looks(struct reader *reader)
     return BVHD_OK;
 }
 
-/* Moves the vertices of all forms as the pose says, and records the moment. */
+/* Moves everything as the pose says, over the shutter interval if there is one, and records the moment. */
 static enum bvhd_status apply_pose(struct reader *reader)
 {
     struct import *import = reader->import;
+    const struct import_moment *moment = reader->wish->moment;
     enum bvhd_status status = BVHD_OK;
     import->has_moment = true;
-    import->time = reader->wish->moment->time;
+    import->time = moment->time;
     import->has_animation = reader->pose.has_animation;
-    import->animation = reader->pose.animation;
-    for (uint32_t i = 0; i < reader->forms.count && !status; i++)
-        status =
-            gltf_deform(&reader->file, &reader->pose, &reader->forms.items[i], import->meshes + reader->uses[i].first);
+    import->animation = reader->pose.index;
+    if (moment->is_shutter)
+        return gltf_shutter_apply(&reader->file, &reader->pose, moment, &reader->forms, reader->spots, import);
+    for (uint32_t i = 0; i < reader->forms.count && !status; i++) {
+        const struct gltf_form *form = &reader->forms.items[i];
+        status = gltf_deform(&reader->file, &reader->pose, form, import->meshes + form->first_mesh);
+    }
     return status;
 }
 
@@ -148,9 +152,10 @@ static uint64_t find_shapes(struct reader *reader)
     const struct import *import = reader->import;
     uint64_t count = 0;
     for (uint32_t form = 0; form < reader->forms.count; form++) {
-        struct form_use *use = &reader->uses[form];
-        for (uint32_t i = 0; i < use->count; i++)
-            use->has[import->meshes[use->first + i].shape] |= import->meshes[use->first + i].primitive_count > 0;
+        const struct gltf_form *from = &reader->forms.items[form];
+        const struct import_mesh *meshes = import->meshes + from->first_mesh;
+        for (uint32_t i = 0; i < from->mesh_count; i++)
+            reader->uses[form].has[meshes[i].shape] |= meshes[i].primitive_count > 0;
     }
     for (uint32_t i = 0; i < import->instance_count; i++)
         for (int shape = 0; shape < IMPORT_SHAPES; shape++)
@@ -164,14 +169,14 @@ static uint64_t find_shapes(struct reader *reader)
  */
 static char *name_bottom(const struct reader *reader, uint32_t form, enum import_shape shape)
 {
-    const struct form_use *use = &reader->uses[form];
-    uint32_t node_index = reader->forms.items[form].first_node;
+    const struct gltf_form *from = &reader->forms.items[form];
+    uint32_t node_index = from->first_node;
     struct gltf_value node = gltf_item(&reader->file, GLTF_NODES, node_index);
     const char *name = gltf_text(&node, "name"), *ending = import_shape_kinds[shape].ending;
     char unnamed[32];
     snprintf(unnamed, sizeof unnamed, "nodes[%u]", node_index);
-    if (use->count == 1)
-        return files_copy_text(reader->file.memory, reader->import->meshes[use->first].name);
+    if (from->mesh_count == 1)
+        return files_copy_text(reader->file.memory, reader->import->meshes[from->first_mesh].name);
     name = name && *name ? name : unnamed;
     uint64_t size = strlen(name) + strlen(ending) + 1;
     char *text = memory_alloc(reader->file.memory, size);
@@ -182,15 +187,15 @@ static char *name_bottom(const struct reader *reader, uint32_t form, enum import
 
 static bool add_bottom(struct reader *reader, uint32_t form, enum import_shape shape)
 {
-    struct form_use *use = &reader->uses[form];
+    const struct gltf_form *from = &reader->forms.items[form];
     struct import *import = reader->import;
     struct import_bottom *bottom = &import->bottoms[import->bottom_count++];
     *bottom = (struct import_bottom){.name = name_bottom(reader, form, shape)};
-    bottom->meshes = memory_array(import->memory, use->count, sizeof *bottom->meshes);
-    for (uint32_t i = 0; i < use->count && bottom->meshes; i++)
-        if (import->meshes[use->first + i].shape == shape)
-            bottom->meshes[bottom->mesh_count++] = use->first + i;
-    use->bottoms[shape] = import->bottom_count;
+    bottom->meshes = memory_array(import->memory, from->mesh_count, sizeof *bottom->meshes);
+    for (uint32_t i = 0; i < from->mesh_count && bottom->meshes; i++)
+        if (import->meshes[from->first_mesh + i].shape == shape)
+            bottom->meshes[bottom->mesh_count++] = from->first_mesh + i;
+    reader->uses[form].bottoms[shape] = import->bottom_count;
     return bottom->name && bottom->meshes;
 }
 
@@ -271,6 +276,7 @@ static void free_tables(struct reader *reader)
     gltf_pose_finish(&reader->file, &reader->pose);
     memory_free(reader->file.memory, reader->forms.items);
     memory_free(reader->file.memory, reader->forms.lists);
+    memory_free(reader->file.memory, reader->spots);
     memory_free(reader->file.memory, reader->uses);
 }
 
@@ -302,7 +308,8 @@ static enum bvhd_status read_nodes(struct reader *reader)
     if (!status && moment)
         status = gltf_pose_read(&reader->file, moment, &reader->pose);
     if (!status)
-        status = gltf_nodes_walk(&reader->file, chosen, moment ? &reader->pose : NULL, reader->import, &reader->forms);
+        status = gltf_nodes_walk(&reader->file, chosen, moment ? &reader->pose : NULL, reader->import, &reader->forms,
+                                 moment && moment->is_shutter ? &reader->spots : NULL);
     return status ? status : make_uses(reader);
 }
 

@@ -6,10 +6,10 @@
 #include "client/bvhctl/scene/gltf_accessor.h"
 #include "client/bvhctl/scene/gltf_transform.h"
 
-/* A node that has to be visited, with the matrix of its parent, from object to world. */
+/* A node that has to be visited, with its parent and the matrix of it, from object to world. */
 struct node_visit {
-    uint32_t node;
-    struct gltf_matrix parent;
+    uint32_t node, parent; /* GLTF_NO_NODE: none */
+    struct gltf_matrix parent_world;
 };
 
 struct walk {
@@ -17,9 +17,10 @@ struct walk {
     struct import *import;
     struct gltf_pose *pose; /* NULL: at rest */
     struct gltf_forms *forms;
+    struct gltf_spot **spots; /* NULL: not wanted */
     bool *is_reached; /* for each node */
     struct node_visit *stack;
-    uint64_t depth, stack_capacity, instance_capacity;
+    uint64_t depth, stack_capacity, instance_capacity, spot_capacity;
 };
 
 static bool grow(struct memory *memory, void **array, uint64_t used, uint64_t *capacity, size_t size)
@@ -35,8 +36,8 @@ static bool grow(struct memory *memory, void **array, uint64_t used, uint64_t *c
     return true;
 }
 
-static enum bvhd_status push(struct walk *walk, const struct gltf_value *place, uint32_t node,
-                             const struct gltf_matrix *parent)
+static enum bvhd_status push(struct walk *walk, const struct gltf_value *place, uint32_t node, uint32_t parent,
+                             const struct gltf_matrix *parent_world)
 {
     if (walk->is_reached[node])
         return gltf_refuse(walk->file, BVHD_INVALID, place, "nodes[%u] is reached twice: nodes must be trees", node);
@@ -45,26 +46,43 @@ static enum bvhd_status push(struct walk *walk, const struct gltf_value *place, 
         return gltf_no_memory(walk->file);
     walk->is_reached[node] = true;
     walk->stack = stack;
-    walk->stack[walk->depth++] = (struct node_visit){node, *parent};
+    walk->stack[walk->depth++] = (struct node_visit){node, parent, *parent_world};
     return BVHD_OK;
 }
 
 /* The values that all instances at one node share. */
 struct node_use {
-    uint32_t form, name;
+    uint32_t form, name, node;
+    bool is_still;
 };
 
-static enum bvhd_status add_instance(struct walk *walk, const struct node_use *use, const struct gltf_matrix *world)
+/* Records where an instance is. `local` is NULL if that is its node. */
+static bool add_spot(struct walk *walk, const struct node_use *use, const struct gltf_matrix *local)
+{
+    void *spots = walk->spots ? *walk->spots : NULL;
+    if (!walk->spots)
+        return true;
+    if (!grow(walk->file->memory, &spots, walk->import->instance_count, &walk->spot_capacity, sizeof **walk->spots))
+        return false;
+    *walk->spots = spots;
+    (*walk->spots)[walk->import->instance_count] =
+        (struct gltf_spot){.node = use->node, .is_still = use->is_still, .has_local = local != NULL};
+    if (local)
+        (*walk->spots)[walk->import->instance_count].local = *local;
+    return true;
+}
+
+static enum bvhd_status add_instance(struct walk *walk, const struct node_use *use, const struct gltf_matrix *world,
+                                     const struct gltf_matrix *local)
 {
     struct import *import = walk->import;
     void *instances = import->instances;
-    if (import->instance_count == UINT32_MAX ||
+    if (import->instance_count == UINT32_MAX || !add_spot(walk, use, local) ||
         !grow(import->memory, &instances, import->instance_count, &walk->instance_capacity, sizeof *import->instances))
         return gltf_no_memory(walk->file);
     import->instances = instances;
     struct import_instance *instance = &import->instances[import->instance_count++];
-    instance->bottom = use->form;
-    instance->name = use->name;
+    *instance = (struct import_instance){.bottom = use->form, .name = use->name};
     instance->skipped = !gltf_matrix_round(world, instance->transform);
     import->skipped_instances += instance->skipped;
     return BVHD_OK;
@@ -142,7 +160,7 @@ static enum bvhd_status add_instanced(struct walk *walk, const struct gltf_value
     for (uint32_t i = 0; i < instancing.count && !status; i++) {
         struct gltf_trs trs = instance_trs(&instancing, i);
         struct gltf_matrix local = gltf_trs_matrix(&trs), product = gltf_matrix_product(world, &local);
-        status = add_instance(walk, use, &product);
+        status = add_instance(walk, use, &product, &local);
     }
     for (int i = 0; i < ATTRIBUTES; i++)
         memory_free(walk->file->memory, instancing.values[i]);
@@ -190,7 +208,7 @@ static bool find_form(struct walk *walk, const struct gltf_value *node, uint32_t
 static enum bvhd_status add_mesh(struct walk *walk, const struct gltf_value *node, uint32_t index,
                                  const struct gltf_matrix *world)
 {
-    struct node_use at_node = {0};
+    struct node_use at_node = {.node = index};
     bool found;
     uint32_t mesh;
     struct gltf_value extensions, extension = gltf_extension(node, "EXT_mesh_gpu_instancing", &extensions);
@@ -205,28 +223,26 @@ static enum bvhd_status add_mesh(struct walk *walk, const struct gltf_value *nod
         return gltf_refuse(walk->file, BVHD_UNSUPPORTED, &extension, "a skinned mesh is not instanced");
     if (extension.json)
         return add_instanced(walk, &extension, &at_node, world);
-    return add_instance(walk, &at_node, is_skinned ? &gltf_matrix_identity : world);
+    at_node.is_still = is_skinned;
+    return add_instance(walk, &at_node, is_skinned ? &gltf_matrix_identity : world, NULL);
 }
 
 static enum bvhd_status place_node(struct walk *walk, const struct gltf_value *node, const struct node_visit *visit,
                                    struct gltf_matrix *ret_world)
 {
-    struct gltf_posed_node *posed = walk->pose ? &walk->pose->nodes[visit->node] : NULL;
-    struct gltf_matrix local;
-    enum bvhd_status status = gltf_transform_read(walk->file, node, posed ? &posed->animated : NULL, &local);
+    struct gltf_local local;
+    enum bvhd_status status = gltf_transform_read(walk->file, node, &local);
     if (status)
         return status;
-    *ret_world = gltf_matrix_product(&visit->parent, &local);
-    if (posed) {
-        posed->is_placed = true;
-        posed->world = *ret_world;
-    }
+    struct gltf_matrix matrix = gltf_transform_matrix(&local, NULL);
+    *ret_world = walk->pose ? *gltf_pose_place(walk->pose, visit->node, visit->parent, &local)
+                            : gltf_matrix_product(&visit->parent_world, &matrix);
     return BVHD_OK;
 }
 
 /* Pushes nodes so that the first one is on top of the stack. */
-static enum bvhd_status push_nodes(struct walk *walk, const struct gltf_value *list, const struct gltf_matrix *parent,
-                                   bool may_be_reached)
+static enum bvhd_status push_nodes(struct walk *walk, const struct gltf_value *list, uint32_t parent,
+                                   const struct gltf_matrix *parent_world, bool may_be_reached)
 {
     uint64_t first = walk->depth;
     int64_t number = 0;
@@ -237,7 +253,7 @@ static enum bvhd_status push_nodes(struct walk *walk, const struct gltf_value *l
         if (!status && may_be_reached && walk->is_reached[node])
             continue;
         if (!status)
-            status = push(walk, &place, node, parent);
+            status = push(walk, &place, node, parent, parent_world);
         if (status)
             return status;
     }
@@ -262,7 +278,7 @@ static enum bvhd_status visit_all(struct walk *walk)
         if (!status)
             status = gltf_array(walk->file, &node, "children", &children);
         if (!status)
-            status = push_nodes(walk, &children, &world, false);
+            status = push_nodes(walk, &children, visit.node, &world, false);
     }
     return status;
 }
@@ -273,7 +289,7 @@ static enum bvhd_status walk_scene(struct walk *walk, uint32_t index)
     struct gltf_value scene = gltf_item(walk->file, GLTF_SCENES, index), nodes;
     enum bvhd_status status = gltf_array(walk->file, &scene, "nodes", &nodes);
     if (!status)
-        status = push_nodes(walk, &nodes, &gltf_matrix_identity, true);
+        status = push_nodes(walk, &nodes, GLTF_NO_NODE, &gltf_matrix_identity, true);
     return status ? status : visit_all(walk);
 }
 
@@ -297,7 +313,7 @@ static enum bvhd_status walk_roots(struct walk *walk, bool *is_child)
         if (is_child[i])
             continue;
         struct gltf_value node = gltf_item(file, GLTF_NODES, i);
-        status = push(walk, &node, i, &gltf_matrix_identity);
+        status = push(walk, &node, i, GLTF_NO_NODE, &gltf_matrix_identity);
         if (!status)
             status = visit_all(walk);
     }
@@ -325,10 +341,10 @@ static enum bvhd_status walk_scenes(struct walk *walk, uint32_t scene, bool *is_
 }
 
 enum bvhd_status gltf_nodes_walk(struct gltf_file *file, uint32_t scene, struct gltf_pose *pose, struct import *import,
-                                 struct gltf_forms *ret_forms)
+                                 struct gltf_forms *ret_forms, struct gltf_spot **ret_spots)
 {
     uint64_t count = file->lists[GLTF_NODES].count;
-    struct walk walk = {.file = file, .import = import, .pose = pose, .forms = ret_forms};
+    struct walk walk = {.file = file, .import = import, .pose = pose, .forms = ret_forms, .spots = ret_spots};
     walk.is_reached = memory_array(file->memory, count + 1, sizeof *walk.is_reached);
     bool *is_child = memory_array(file->memory, count + 1, sizeof *is_child);
     enum bvhd_status status = walk.is_reached && is_child ? BVHD_OK : gltf_no_memory(file);

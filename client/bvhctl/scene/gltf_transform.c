@@ -79,25 +79,30 @@ static void animate(const struct gltf_animated *animated, struct gltf_trs *trs)
 }
 
 enum bvhd_status gltf_transform_read(const struct gltf_file *file, const struct gltf_value *node,
-                                     const struct gltf_animated *animated, struct gltf_matrix *ret_matrix)
+                                     struct gltf_local *ret_local)
 {
     double columns[16];
-    struct gltf_trs trs = gltf_trs_identity;
+    struct gltf_local local = {.trs = gltf_trs_identity};
     struct gltf_value place = gltf_member(node, "matrix");
-    bool found;
-    enum bvhd_status status = gltf_numbers(file, node, "matrix", 16, columns, &found);
-    if (!status && found)
-        return gltf_matrix_from_columns(columns, ret_matrix)
-                   ? BVHD_OK
-                   : gltf_refuse(file, BVHD_INVALID, &place, "not affine: its last row is not 0, 0, 0, 1");
-    if (!status)
-        status = gltf_numbers(file, node, "translation", 3, trs.translation, NULL);
-    if (!status)
-        status = gltf_numbers(file, node, "rotation", 4, trs.rotation, NULL);
-    if (!status)
-        status = gltf_numbers(file, node, "scale", 3, trs.scale, NULL);
+    enum bvhd_status status = gltf_numbers(file, node, "matrix", 16, columns, &local.is_matrix);
+    if (!status && local.is_matrix && !gltf_matrix_from_columns(columns, &local.matrix))
+        return gltf_refuse(file, BVHD_INVALID, &place, "not affine: its last row is not 0, 0, 0, 1");
+    if (!status && !local.is_matrix)
+        status = gltf_numbers(file, node, "translation", 3, local.trs.translation, NULL);
+    if (!status && !local.is_matrix)
+        status = gltf_numbers(file, node, "rotation", 4, local.trs.rotation, NULL);
+    if (!status && !local.is_matrix)
+        status = gltf_numbers(file, node, "scale", 3, local.trs.scale, NULL);
+    *ret_local = local;
+    return status;
+}
+
+struct gltf_matrix gltf_transform_matrix(const struct gltf_local *local, const struct gltf_animated *animated)
+{
+    struct gltf_trs trs = local->trs;
+    if (local->is_matrix)
+        return local->matrix;
     if (animated)
         animate(animated, &trs);
-    *ret_matrix = gltf_trs_matrix(&trs);
-    return status;
+    return gltf_trs_matrix(&trs);
 }

@@ -378,6 +378,7 @@ static void finish_meshes(struct import *import)
         memory_free(import->memory, import->meshes[i].name);
         memory_free(import->memory, import->meshes[i].material);
         memory_free(import->memory, import->meshes[i].positions);
+        memory_free(import->memory, import->meshes[i].end_positions);
         memory_free(import->memory, import->meshes[i].indices);
         memory_free(import->memory, import->meshes[i].radii);
         memory_free(import->memory, import->meshes[i].caps);
@@ -408,29 +409,50 @@ void import_finish(struct import *import)
     memory_free(import->memory, import->bottoms);
     memory_free(import->memory, import->files);
     memory_free(import->memory, import->instances);
+    memory_free(import->memory, import->motions);
     memory_free(import->memory, import->node_names.texts);
     memory_free(import->memory, import->source_name);
     memory_free(import->memory, import->name);
     *import = (struct import){0};
 }
 
-static struct oracle_mesh *add_oracle_meshes(const struct import *import, uint32_t bottom_index, const float *transform,
-                                             uint32_t instance, struct oracle_mesh *next)
+uint32_t import_turning_count(const struct import *import)
+{
+    uint32_t count = 0;
+    for (uint32_t i = 0; i < import->motion_count; i++)
+        count += import->motions[i].kind == ORACLE_SRT;
+    return count;
+}
+
+static struct oracle_mesh *add_oracle_meshes(const struct import *import, uint32_t bottom_index,
+                                             const struct oracle_mesh *place, struct oracle_mesh *next)
 {
     const struct import_bottom *bottom = &import->bottoms[bottom_index];
     for (uint32_t i = 0; i < bottom->mesh_count; i++) {
         const struct import_mesh *mesh = &import->meshes[bottom->meshes[i]];
-        *next++ = (struct oracle_mesh){.shape = import_shape_kinds[mesh->shape].oracle,
-                                       .positions = mesh->positions,
-                                       .indices = mesh->indices,
-                                       .radii = mesh->radii,
-                                       .caps = mesh->caps,
-                                       .primitive_count = mesh->primitive_count,
-                                       .transform = transform,
-                                       .instance = instance,
-                                       .geometry = i};
+        *next = *place;
+        next->shape = import_shape_kinds[mesh->shape].oracle;
+        next->positions = mesh->positions;
+        next->end_positions = mesh->end_positions;
+        next->indices = mesh->indices;
+        next->radii = mesh->radii;
+        next->caps = mesh->caps;
+        next->primitive_count = mesh->primitive_count;
+        next->geometry = i;
+        next++;
     }
     return next;
+}
+
+/* Returns where an instance is, as a mesh without primitives. */
+static struct oracle_mesh place_of(const struct import *import, uint32_t index)
+{
+    const struct import_instance *instance = &import->instances[index];
+    const struct import_motion *motion = instance->motion ? &import->motions[instance->motion - 1] : NULL;
+    return (struct oracle_mesh){.transform = motion ? motion->start : instance->transform,
+                                .motion = motion ? motion->kind : ORACLE_STILL,
+                                .end_transform = motion ? motion->end : NULL,
+                                .instance = index};
 }
 
 static uint64_t count_instanced_meshes(const struct import *import)
@@ -450,10 +472,12 @@ enum bvhd_status import_oracle_meshes(const struct import *import, bool has_top,
         return no_memory(import->name, error);
     struct oracle_mesh *next = meshes;
     if (!has_top)
-        add_oracle_meshes(import, 0, NULL, RAY_NO_INSTANCE, next);
-    for (uint32_t i = 0; has_top && i < import->instance_count; i++)
+        add_oracle_meshes(import, 0, &(struct oracle_mesh){.instance = RAY_NO_INSTANCE}, next);
+    for (uint32_t i = 0; has_top && i < import->instance_count; i++) {
+        const struct oracle_mesh place = place_of(import, i);
         if (!import->instances[i].skipped)
-            next = add_oracle_meshes(import, import->instances[i].bottom, import->instances[i].transform, i, next);
+            next = add_oracle_meshes(import, import->instances[i].bottom, &place, next);
+    }
     *ret_meshes = meshes;
     *ret_count = (uint32_t)count;
     return BVHD_OK;

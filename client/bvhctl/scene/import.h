@@ -30,7 +30,8 @@ struct import_mesh {
     enum import_shape shape;
     bool has_colour;
     float colour[3]; /* the base colour of the material, linear, 0 to 1 */
-    float *positions; /* xyz each; never NULL */
+    float *positions; /* xyz each; never NULL; of a shutter interval at its beginning */
+    float *end_positions; /* of motion triangles: xyz each, at the end of the interval; else NULL */
     float *radii; /* of points and lines: one for each vertex, finite and not negative; else NULL */
     uint8_t *caps; /* of lines: the ends of each that have a cap, IMPORT_CAP_; else NULL */
     /*
@@ -52,12 +53,30 @@ struct import_bottom {
 struct import_instance {
     uint32_t bottom;
     uint32_t name; /* of its node, among node_names */
-    float transform[12]; /* row-major 3x4, object to world; products of the nodes' matrices in double, rounded once */
+    /*
+     * row-major 3x4, object to world; products of the nodes' matrices in double, rounded once. Of a shutter interval it
+     * is that of its beginning
+     */
+    float transform[12];
     /*
      * its matrix has no inverse, which breaks a rule of Vulkan (VUID-VkTransformMatrixKHR-matrix-03799). The instance
      * keeps its position and is inactive
      */
     bool skipped;
+    uint32_t motion; /* its motion over the shutter interval among `motions` + 1; 0: it stands still */
+};
+
+/* How an instance moves between both ends of a shutter interval. Each of the numbers moves in a straight line. */
+struct import_motion {
+    enum oracle_motion kind; /* ORACLE_MATRIX: 12 numbers count, or ORACLE_SRT: 16, those of VkSRTDataNV */
+    float start[16], end[16];
+};
+
+/* The greatest distance of a point of a scene from where its animation has it. */
+struct import_deviation {
+    double distance; /* 0: there is none */
+    double time; /* when, in seconds */
+    uint32_t which; /* the name of its node, among node_names, or its mesh */
 };
 
 /* The reader that has read a file. */
@@ -84,6 +103,13 @@ struct import {
     char *source_name; /* and its name, which may be ""; may be NULL without has_source */
     bool has_moment; /* it is at a moment of an animation: */
     double time; /* in seconds */
+    bool is_shutter; /* the moment is the beginning of a shutter interval: */
+    double end_time; /* in seconds */
+    struct import_motion *motions;
+    uint32_t motion_count;
+    uint32_t moving_meshes; /* those with end_positions */
+    /* how far motion in straight lines is off: instances in the world, vertices in the space of their mesh */
+    struct import_deviation instance_deviation, vertex_deviation;
     bool has_animation; /* the file has one: */
     uint32_t animation; /* its number, from 0 */
     float point_radius, line_radius; /* those of the wish */
@@ -93,10 +119,14 @@ struct import {
     struct memory *memory;
 };
 
-/* A moment of an animation of a glTF file. */
+/* A moment of an animation of a glTF file, or a shutter interval, from one moment to another. */
 struct import_moment {
     double time; /* in seconds, finite; before the first key and after the last one the values of these hold */
     const char *animation; /* its name, or else its number from 0; NULL: the first one, if the file has any */
+    bool is_shutter; /* it is an interval: */
+    double end; /* in seconds, finite, after `time` */
+    /* what the animation moves at any time is built as what moves, so that updates to other intervals find it so */
+    bool is_for_updates;
 };
 
 /* What is read of a scene file. */
@@ -105,7 +135,9 @@ struct import_wish {
     /*
      * NULL: everything is at rest. Otherwise nodes are where the animation has them, and skins and morph targets are
      * applied: each node that has a skin or weights of its own gets a bottom level of its own, whose vertices are, for
-     * a skin, in world space
+     * a skin, in world space. Over a shutter interval everything is as at its beginning, and what is elsewhere at its
+     * end moves there: instances by `motions`, and vertices of triangles to `end_positions`. Points and lines whose
+     * vertices move stay, and are counted
      */
     const struct import_moment *moment;
     bool wants_looks; /* what meshes look like is read, too; only the reader of glTF does it */
@@ -174,6 +206,9 @@ void import_finish(struct import *import);
  * memory_free. NULL when there is no memory.
  */
 char *import_name(const char *path, struct memory *memory);
+
+/* Returns how many of the motions are of kind ORACLE_SRT. */
+uint32_t import_turning_count(const struct import *import);
 
 /*
  * Lists the triangles for the oracle. With a top level there is one oracle_mesh for each mesh of each instance that is

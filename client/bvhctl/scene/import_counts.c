@@ -31,16 +31,19 @@ const struct import_count_kind import_count_kinds[IMPORT_COUNT_KINDS] = {
     {"unknown_lines", "line of the header is not understood and ignored",
      "lines of the header are not understood and ignored", NULL},
     {"unknown_chunks", "chunk of an unknown kind is left out", "chunks of unknown kinds are left out", NULL},
+    {"unmoved", "mesh of points or lines does not move: it stays as at the beginning of the shutter interval",
+     "meshes of points or lines do not move: they stay as at the beginning of the shutter interval", NULL},
     {"extra_bytes", "byte after the end of the data is left out", "bytes after the end of the data are left out", NULL},
 };
 
 uint64_t import_counts_get(const struct import_counts *counts, int kind)
 {
     const uint64_t values[IMPORT_COUNT_KINDS] = {
-        counts->points,   counts->lines,        counts->skins,         counts->morphs,         counts->animations,
-        counts->channels, counts->incomplete,   counts->positionless,  counts->meshes,         counts->nodes,
-        counts->scenes,   counts->extensions,   counts->bounds,        counts->empty_faces,    counts->fanned,
-        counts->lost,     counts->unknown_rows, counts->unknown_lines, counts->unknown_chunks, counts->extra_bytes};
+        counts->points,     counts->lines,        counts->skins,         counts->morphs,         counts->animations,
+        counts->channels,   counts->incomplete,   counts->positionless,  counts->meshes,         counts->nodes,
+        counts->scenes,     counts->extensions,   counts->bounds,        counts->empty_faces,    counts->fanned,
+        counts->lost,       counts->unknown_rows, counts->unknown_lines, counts->unknown_chunks, counts->unmoved,
+        counts->extra_bytes};
     return values[kind];
 }
 
@@ -56,6 +59,7 @@ void import_counts_add_mesh(struct import_counts *sum, const struct import_count
     sum->empty_faces += mesh->empty_faces;
     sum->fanned += mesh->fanned;
     sum->lost += mesh->lost;
+    sum->unmoved += mesh->unmoved;
 }
 
 bool import_counts_any(const struct import_counts *counts)

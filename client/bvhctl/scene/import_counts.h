@@ -27,10 +27,11 @@ struct import_counts {
     uint64_t unknown_rows; /* rows of elements of a PLY file that are neither vertices nor faces */
     uint64_t unknown_lines; /* lines of the header of a PLY file that are not understood */
     uint64_t unknown_chunks; /* of a GLB, that are neither JSON nor the first BIN */
+    uint64_t unmoved; /* meshes of points or lines whose vertices move in the shutter interval */
     uint64_t extra_bytes; /* after the rows that the header of a PLY file describes, or after the length of a GLB */
 };
 
-enum { IMPORT_COUNT_KINDS = 20 };
+enum { IMPORT_COUNT_KINDS = 21 };
 
 /* Kinds 0 to 3 are points, lines, skins and morphs. */
 struct import_count_kind {

@@ -157,6 +157,7 @@ static bool add_instance(struct node_walk *walk, struct import *import, const st
             return false;
     }
     struct import_instance *instance = &import->instances[import->instance_count];
+    *instance = (struct import_instance){0};
     if (!import_names_add(&import->node_names, name_of(node), import->memory, &instance->name))
         return false;
     import->instance_count++;

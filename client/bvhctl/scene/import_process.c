@@ -102,6 +102,8 @@ static void put_import(struct file_writer *writer, const struct import *import)
         put_text(writer, mesh->name);
         put_text(writer, mesh->material);
         put_array(writer, mesh->positions, mesh->vertex_count * UINT64_C(12));
+        if (mesh->end_positions)
+            put_array(writer, mesh->end_positions, mesh->vertex_count * UINT64_C(12));
         put_array(writer, mesh->indices, import_corner_count(mesh) * 4);
         if (mesh->radii)
             put_array(writer, mesh->radii, mesh->vertex_count * UINT64_C(4));
@@ -120,6 +122,7 @@ static void put_import(struct file_writer *writer, const struct import *import)
         put_array(writer, bottom->meshes, bottom->mesh_count * sizeof *bottom->meshes);
     }
     put_array(writer, import->instances, import->instance_count * sizeof *import->instances);
+    put_array(writer, import->motions, import->motion_count * sizeof *import->motions);
     put_array(writer, import->node_names.texts, import->node_names.size);
     put_array(writer, NULL, import->file_count * sizeof *import->files); /* room for the pointers */
     for (uint32_t i = 0; i < import->file_count; i++)
@@ -250,6 +253,8 @@ static void take_meshes(struct file_cursor *cursor, struct import *import)
         mesh->name = take_text(cursor);
         mesh->material = take_text(cursor);
         mesh->positions = take_array(cursor, mesh->vertex_count * UINT64_C(12));
+        if (mesh->end_positions)
+            mesh->end_positions = take_array(cursor, mesh->vertex_count * UINT64_C(12));
         mesh->indices = take_array(cursor, import_corner_count(mesh) * 4);
         if (mesh->radii)
             mesh->radii = take_array(cursor, mesh->vertex_count * UINT64_C(4));
@@ -281,6 +286,7 @@ static void take_import(struct file_cursor *cursor, struct import *import)
     take_meshes(cursor, import);
     take_bottoms(cursor, import);
     import->instances = take_array(cursor, import->instance_count * sizeof *import->instances);
+    import->motions = take_array(cursor, import->motion_count * sizeof *import->motions);
     import->node_names.texts = take_array(cursor, import->node_names.size);
     import->files = take_array(cursor, import->file_count * sizeof *import->files);
     for (uint32_t i = 0; i < import->file_count && cursor->ok; i++)

@@ -69,6 +69,8 @@ static void write_geometries(struct json *json, const struct import *import, uin
         json_integer(json, "primitives", mesh->primitive_count);
         if (mesh->shape != IMPORT_TRIANGLES)
             json_text(json, "shape", import_shape_kinds[mesh->shape].name);
+        if (mesh->end_positions)
+            json_bool(json, "moves", true);
         if (mesh->has_colour)
             write_colour(json, mesh->colour);
         write_losses(json, mesh, is_active);
@@ -124,10 +126,40 @@ static void write_moment(struct json *json, const struct import *import)
 {
     json_object(json, "source_moment");
     json_number(json, "time", import->time);
+    if (import->is_shutter)
+        json_number(json, "end", import->end_time);
     if (import->has_animation)
         json_integer(json, "animation", import->animation);
     else
         json_null(json, "animation");
+    json_object_end(json);
+}
+
+static void write_deviation(struct json *json, const char *key, const struct import_deviation *deviation,
+                            const char *subject, const char *name)
+{
+    json_object(json, key);
+    json_number(json, "distance", deviation->distance);
+    if (deviation->distance > 0) {
+        json_number(json, "time", deviation->time);
+        json_text(json, subject, name);
+    }
+    json_object_end(json);
+}
+
+/* Writes what moves in a shutter interval, and how far it is from the animation. */
+static void write_motion(struct json *json, const struct import *import)
+{
+    const struct import_deviation *of_instances = &import->instance_deviation, *of_vertices = &import->vertex_deviation;
+    uint32_t turning = import_turning_count(import);
+    json_object(json, "motion");
+    json_integer(json, "srt_instances", turning);
+    json_integer(json, "matrix_instances", import->motion_count - turning);
+    json_integer(json, "meshes", import->moving_meshes);
+    write_deviation(json, "instance_deviation", of_instances, "node",
+                    of_instances->distance > 0 ? import_names_get(&import->node_names, of_instances->which) : "");
+    write_deviation(json, "vertex_deviation", of_vertices, "mesh",
+                    of_vertices->distance > 0 ? import->meshes[of_vertices->which].name : "");
     json_object_end(json);
 }
 
@@ -153,6 +185,8 @@ static void write_source(struct json *json, const struct import *import)
     }
     if (import->has_moment)
         write_moment(json, import);
+    if (import->is_shutter)
+        write_motion(json, import);
     if (import->point_radius > 0 || import->line_radius > 0)
         write_radii(json, import);
     manifest_write_left_out(json, &import->counts);

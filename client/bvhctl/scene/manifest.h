@@ -69,6 +69,8 @@ struct manifest_entry {
     char *source_name; /* and its name; NULL if it has none */
     bool has_moment; /* it was built at a moment of an animation of its file: */
     double moment; /* in seconds */
+    bool is_shutter; /* and from there over a shutter interval: */
+    double end; /* in seconds */
     bool has_animation; /* the file had one: */
     uint32_t animation; /* its number, from 0 */
     float point_radius, line_radius; /* of its points and lines that have none in its file; 0: they were left out */

@@ -111,11 +111,16 @@ static enum bvhd_status read_moment(const struct manifest_reader *reader, const 
     const cJSON *moment = cJSON_GetObjectItemCaseSensitive(object, "source_moment");
     const cJSON *time = cJSON_GetObjectItemCaseSensitive(moment, "time");
     const cJSON *animation = cJSON_GetObjectItemCaseSensitive(moment, "animation");
+    const cJSON *end = cJSON_GetObjectItemCaseSensitive(moment, "end");
     if (!moment)
         return BVHD_OK;
     bool is_number = cJSON_IsNumber(animation) && animation->valuedouble >= 0 && animation->valuedouble < UINT32_MAX;
     if (!cJSON_IsNumber(time) || !isfinite(time->valuedouble) || !(is_number || cJSON_IsNull(animation)))
         return corrupt(reader, "source_moment", "without a time and an animation");
+    if (end && (!cJSON_IsNumber(end) || !isfinite(end->valuedouble) || !(end->valuedouble > time->valuedouble)))
+        return corrupt(reader, "source_moment", "with an end that is not after its time");
+    entry->is_shutter = end != NULL;
+    entry->end = end ? end->valuedouble : 0;
     entry->has_moment = true;
     entry->moment = time->valuedouble;
     entry->has_animation = is_number;
@@ -145,7 +150,7 @@ static enum bvhd_status read_radii(const struct manifest_reader *reader, const c
 
 void manifest_wish_init(struct manifest_wish *wish, const struct manifest_entry *top)
 {
-    *wish = (struct manifest_wish){.moment.time = top->moment};
+    *wish = (struct manifest_wish){.moment = {.time = top->moment, .is_shutter = top->is_shutter, .end = top->end}};
     snprintf(wish->scene, sizeof wish->scene, "%u", top->source_number);
     snprintf(wish->animation, sizeof wish->animation, "%u", top->animation);
     wish->moment.animation = top->has_animation ? wish->animation : NULL;

@@ -98,6 +98,8 @@ static void write_node(struct json *json, const struct import *import, uint32_t 
     json_integer(json, "custom_index", index & 0xffffff);
     json_text(json, "file", file);
     json_floats(json, "transform", instance->transform, 12);
+    if (instance->motion)
+        json_text(json, "motion", import->motions[instance->motion - 1].kind == ORACLE_SRT ? "srt" : "matrix");
     if (instance->skipped)
         json_bool(json, "skipped", true);
     json_object_end(json);

@@ -98,6 +98,35 @@ void notes_left_out(const struct import *import)
                     bvhd_vuid_string(BVHD_VUID_03799));
 }
 
+/* Says how far something is from the animation, and when. */
+static void note_deviation(const struct import *import, const struct import_deviation *deviation, const char *subject,
+                           const char *prefix, const char *name)
+{
+    report_note(import->name, "%s are at most %.3g from where the animation has them: %s'%.*s', at %g s", subject,
+                deviation->distance, prefix, NAME_MAX_SHOWN, name, deviation->time);
+}
+
+void notes_motion(const struct import *import)
+{
+    uint32_t turning = import_turning_count(import), others = import->motion_count - turning;
+    if (!import->is_shutter)
+        return;
+    if (!import->motion_count && !import->moving_meshes)
+        report_note(import->name, "nothing moves from %g s to %g s", import->time, import->end_time);
+    else
+        report_note(import->name,
+                    "from %g s to %g s %u instance%s move%s by SRT and %u by matrices, and the triangles of %u mesh%s "
+                    "move",
+                    import->time, import->end_time, turning, turning == 1 ? "" : "s", turning == 1 ? "s" : "", others,
+                    import->moving_meshes, import->moving_meshes == 1 ? "" : "es");
+    if (import->instance_deviation.distance > 0)
+        note_deviation(import, &import->instance_deviation, "instances", "",
+                       import_names_get(&import->node_names, import->instance_deviation.which));
+    if (import->vertex_deviation.distance > 0)
+        note_deviation(import, &import->vertex_deviation, "vertices", "mesh ",
+                       import->meshes[import->vertex_deviation.which].name);
+}
+
 /* The defects of triangles, in the order of struct activity. */
 enum defect { INACTIVE, DEGENERATE, INFINITE };
 

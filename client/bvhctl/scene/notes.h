@@ -12,6 +12,12 @@
 void notes_left_out(const struct import *import);
 
 /*
+ * Prints what moves in the shutter interval that the scene was read over, and the greatest distances from the
+ * animation. Nothing without an interval.
+ */
+void notes_motion(const struct import *import);
+
+/*
  * Prints numbers of triangles that no ray can hit, and a warning if there are no others. Some targets and flags keep
  * such triangles in the structure.
  */

@@ -23,6 +23,7 @@ struct gltf_case {
     const char *nodes, *scenes, *more; /* `scenes` and `more`: whole members of the file, with commas behind them */
     const char *scene; /* to choose */
     const char *at; /* the moment to read it at, in seconds; NULL: it is read at rest */
+    const char *until; /* the end of the shutter interval that begins at that moment; NULL: there is none */
     const char *animation; /* to choose */
     bool is_animated; /* it has the views 23 and following that gltf_case.c lists for animations */
     enum bvhd_status status;
@@ -30,6 +31,9 @@ struct gltf_case {
     uint32_t triangles, instances, bottoms; /* 0: 2, 1 and 1 */
     uint32_t skipped; /* instances */
     float low[3], high[3]; /* over all instances; equal: (0, 0, 0) to (2, 3, 0) */
+    float end_low[3], end_high[3]; /* the same at the end of the shutter interval; equal: `low` and `high` */
+    uint32_t srts, matrices, moving; /* motions of instances, and meshes of motion triangles */
+    float off, vertices_off; /* the greatest distances of instances and of vertices from the animation */
     const char *kind; /* of import_counts.h: the only one that is not 0; NULL: all are */
     uint32_t count;
 };

@@ -18,6 +18,9 @@
 #define TWO_NODES "{'mesh':0},{'mesh':0,'translation':[10,0,0]}"
 /* Files with animations, which are read at a moment. */
 #define AT(seconds) .is_animated = true, .at = #seconds
+#define UNTIL(start, end) AT(start), .until = #end
+/* By how much the middle way between two rotations of a quarter is off at 1/4 of it, on a circle of radius 1. */
+#define TURN_OFF 0.01576988f
 #define CHANNEL(node, path) "{'sampler':0,'target':{'node':" #node ",'path':'" path "'}}"
 #define SAMPLER(input, output) "{'input':" #input ",'output':" #output "}"
 #define ANIMATION(channels, samplers) \
@@ -160,6 +163,47 @@ const struct gltf_case gltf_cases[] = {
      .high = {10, 2, 0}},
     {.name = "rotation by zeros", AT(1), MOVES(0, "rotation", 31),
      .accessors = ",{'componentType':5126,'count':3,'type':'VEC4'}"},
+    {.name = "shutter, moving", UNTIL(0.25, 0.75), MOVES(0, "translation", 11), .low = {2.5f, 0, 0},
+     .high = {4.5f, 3, 0}, .end_low = {7.5f, 0, 0}, .end_high = {9.5f, 3, 0}, .matrices = 1},
+    {.name = "shutter over a key", UNTIL(0.5, 2), MOVES(0, "translation", 11), .low = {5, 0, 0}, .high = {7, 3, 0},
+     .end_low = {10, 0, -3}, .end_high = {12, 3, -3}, .matrices = 1, .off = 3.262593f},
+    {.name = "shutter over a step", UNTIL(0.5, 2), .more = ANIMATION(CHANNEL(0, "translation"),
+     "{'input':10,'output':11,'interpolation':'STEP'}"), .end_low = {10, 0, 0}, .end_high = {12, 3, 0}, .matrices = 1,
+     .off = 6.25f},
+    {.name = "shutter of a spline", UNTIL(0, 2), .more = ANIMATION(CHANNEL(0, "translation"),
+     "{'input':10,'output':14,'interpolation':'CUBICSPLINE'}"), .end_low = {4, 0, 0}, .end_high = {6, 3, 0},
+     .matrices = 1, .off = 1},
+    {.name = "shutter, turning", UNTIL(0, 1), MOVES(0, "rotation", 12), .end_low = {-3, 0, 0}, .end_high = {0, 2, 0},
+     .srts = 1, .off = TURN_OFF * 3.605551f},
+    {.name = "shutter, turning about a parent", UNTIL(0, 1), MOVES(0, "rotation", 12), .low = {5, 0, 0},
+     .nodes = "{'children':[1]},{'mesh':0,'translation':[5,0,0]}", .high = {7, 3, 0}, .end_low = {-3, 5, 0},
+     .end_high = {0, 7, 0}, .srts = 1, .off = TURN_OFF * 7.615773f},
+    {.name = "shutter of a scale of zeros", UNTIL(0, 0.5), MOVES(1, "scale", 11),
+     .nodes = "{'mesh':0,'children':[1]},{'mesh':0}", .instances = 2, .skipped = 1},
+    {.name = "shutter, weights", UNTIL(0, 1), .primitives = MORPHED, MOVES(0, "weights", 15), .end_low = {0, 0, 1},
+     .end_high = {2, 3, 1}, .moving = 1},
+    {.name = "shutter, weights over a key", UNTIL(0, 3), .primitives = MORPHED, MOVES(0, "weights", 15),
+     .end_low = {0, 0, 0.5f}, .end_high = {10, 13, 0.5f}, .moving = 1, .vertices_off = 4.077497f},
+    {.name = "shutter, joints", UNTIL(0.5, 0.75), .primitives = BONES(18, 19), .nodes = SKELETON, .scenes = BOTH_ROOTS,
+     .more = SKIN("1,2", 20) ANIMATION(CHANNEL(2, "translation"), SAMPLER(10, 11)), .low = {1, 0, 0},
+     .high = {8, 1.5f, 0}, .end_low = {1, 0, 0}, .end_high = {10.5f, 1.5f, 0}, .moving = 1},
+    {.name = "shutter, instancing", UNTIL(0.25, 0.75), .nodes = "{'children':[1]}," INSTANCED("'TRANSLATION':31"),
+     .accessors = INSTANCE_ACCESSORS, MOVES(0, "translation", 11), .instances = 3, .low = {2.5f, 0, -7},
+     .high = {14.5f, 3, 0}, .end_low = {7.5f, 0, -7}, .end_high = {19.5f, 3, 0}, .matrices = 3},
+    {.name = "shutter, standing still", UNTIL(5, 6), MOVES(0, "translation", 11), .low = {10, 0, -6},
+     .high = {12, 3, -6}},
+    {.name = "shutter of a file without animations", .at = "0", .until = "1"},
+    {.name = "shutter, times that stand still", UNTIL(0, 1), .status = BVHD_INVALID,
+     .more = ANIMATION(CHANNEL(0, "translation"), SAMPLER(21, 11)), .text = "accessors[21]: time 1 at 2"},
+    {.name = "shutter, times that are no numbers", UNTIL(0, 1), .status = BVHD_INVALID,
+     .more = ANIMATION(CHANNEL(0, "translation"), SAMPLER(22, 11)), .text = "accessors[22]: element 1 is not finite"},
+    {.name = "shutter, too few values", UNTIL(0, 1), .status = BVHD_INVALID, .primitives = MORPHED,
+     MOVES(0, "weights", 10), .text = "samplers[0].output: accessors[10] has 3 elements, but 3 keys need 6"},
+    {.name = "shutter, no such sampler", UNTIL(0, 1), .status = BVHD_INVALID,
+     .more = ANIMATION("{'sampler':5,'target':{'node':0,'path':'scale'}}", SAMPLER(10, 11)),
+     .text = "animations[0].channels[0].sampler: samplers[5] does not exist: there are 1"},
+    {.name = "shutter, a joint that is not there", UNTIL(0, 1), .status = BVHD_INVALID, .primitives = BONES(24, 19),
+     SKINNED, .text = "JOINTS_0: vertex 3 names joint 2, but skins[0] has 2"},
     {.name = "channel without a path", AT(1), .kind = "channels", .count = 1,
      .more = ANIMATION("{'sampler':0,'target':{'node':0}}", SAMPLER(10, 11))},
     {.name = "two nodes with weights", AT(0), .primitives = MORPHED, .triangles = 4, .instances = 2, .bottoms = 2,

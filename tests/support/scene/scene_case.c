@@ -19,7 +19,8 @@ static void set_count(struct import_counts *counts, const char *kind, uint64_t n
                  {"incomplete", &counts->incomplete}, {"positionless", &counts->positionless},
                  {"nodes", &counts->nodes},           {"meshes", &counts->meshes},
                  {"bounds", &counts->bounds},         {"extensions", &counts->extensions},
-                 {"animations", &counts->animations}, {"channels", &counts->channels}};
+                 {"animations", &counts->animations}, {"channels", &counts->channels},
+                 {"unmoved", &counts->unmoved}};
     for (size_t i = 0; i < sizeof kinds / sizeof kinds[0]; i++)
         if (!strcmp(kinds[i].name, kind)) {
             *kinds[i].count = number;
@@ -41,6 +42,7 @@ static void make_gltf(const struct gltf_case *source, struct scene_case *ret_cas
     ret_case->size = gltf_case_make(source, ret_case->bytes);
     ret_case->scene = source->scene;
     ret_case->at = source->at;
+    ret_case->until = source->until;
     ret_case->animation = source->animation;
     ret_case->status = source->status;
     ret_case->text = source->text;

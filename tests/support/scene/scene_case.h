@@ -37,6 +37,7 @@ struct scene_case {
     size_t second_size;
     const char *scene; /* to choose; NULL: all */
     const char *at; /* the moment to read it at, in seconds; NULL: it is read at rest */
+    const char *until; /* the end of the shutter interval that begins at that moment; NULL: there is none */
     const char *animation; /* to choose; NULL: the first */
     bool is_endless; /* it is refused for the time that it takes, which is seconds under sanitizers */
     enum bvhd_status status; /* if it is not BVHD_OK, the file is refused: */

@@ -36,10 +36,10 @@ static uint32_t ground_list[] = {0}, cube_list[] = {1};
 static struct import_bottom bottoms[] = {{ground_name, ground_list, 1}, {cube_name, cube_list, 1}};
 
 static struct import_instance instances[TEST_WORLD_INSTANCES] = {
-    {0, 0, {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}, false},
-    {1, 0, {1, 0, 0, 0, 0, 1, 0, 1, 0, 0, 1, 0}, false},
-    {1, 0, {1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1, 0}, true},
-    {1, 0, {0.5f, 0, 0, 3, 0, 0.5f, 0, 0.5f, 0, 0, 0.5f, 0}, false},
+    {0, 0, {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}, false, 0},
+    {1, 0, {1, 0, 0, 0, 0, 1, 0, 1, 0, 0, 1, 0}, false, 0},
+    {1, 0, {1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1, 0}, true, 0},
+    {1, 0, {0.5f, 0, 0, 3, 0, 0.5f, 0, 0.5f, 0, 0, 0.5f, 0}, false, 0},
 };
 
 static char *files[] = {file_name};

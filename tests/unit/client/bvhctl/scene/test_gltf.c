@@ -18,35 +18,78 @@ static void write_file(const char *path, const void *data, size_t size)
     fclose(file);
 }
 
-/* Extends bounds by the corners of all triangles of an instance. */
-static void extend(const struct import *import, const struct import_instance *instance, double low[3], double high[3])
+/* The matrix of 16 numbers of an SRT, by a point that is scaled, turned by two products of quaternions, and moved. */
+static void turn(const float srt[16], const double at[3], double ret[3])
+{
+    const double q[3] = {srt[9], srt[10], srt[11]}, w = srt[12],
+                 square = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + w * w;
+    const double p[3] = {srt[0] * at[0] + srt[1] * at[1] + srt[2] * at[2] + srt[3],
+                         srt[4] * at[1] + srt[5] * at[2] + srt[6], srt[7] * at[2] + srt[8]};
+    double c[3];
+    for (int i = 0; i < 3; i++)
+        c[i] = q[(i + 1) % 3] * p[(i + 2) % 3] - q[(i + 2) % 3] * p[(i + 1) % 3] + w * p[i];
+    for (int i = 0; i < 3; i++)
+        ret[i] = p[i] + 2 * (q[(i + 1) % 3] * c[(i + 2) % 3] - q[(i + 2) % 3] * c[(i + 1) % 3]) / square + srt[13 + i];
+}
+
+/* Returns where a point of an instance is at one end of the shutter interval. */
+static void move(const struct import *import, const struct import_instance *instance, bool at_end, const double at[3],
+                 double ret[3])
+{
+    const struct import_motion *motion = instance->motion && at_end ? &import->motions[instance->motion - 1] : NULL;
+    const float *row = motion ? motion->end : instance->transform;
+    for (int axis = 0; axis < 3; axis++)
+        ret[axis] = row[4 * axis] * at[0] + row[4 * axis + 1] * at[1] + row[4 * axis + 2] * at[2] + row[4 * axis + 3];
+    if (motion && motion->kind == ORACLE_SRT)
+        turn(motion->end, at, ret);
+}
+
+/* Extends bounds by the corners of all triangles of an instance, at one end of the shutter interval. */
+static void extend(const struct import *import, const struct import_instance *instance, bool at_end, double low[3],
+                   double high[3])
 {
     const struct import_bottom *bottom = &import->bottoms[instance->bottom];
     for (uint32_t m = 0; m < bottom->mesh_count; m++) {
         const struct import_mesh *mesh = &import->meshes[bottom->meshes[m]];
         for (uint32_t i = 0; i < 3 * mesh->primitive_count; i++) {
             assert_true(mesh->indices[i] < mesh->vertex_count);
-            const float *at = mesh->positions + 3 * (size_t)mesh->indices[i], *row = instance->transform;
-            for (int axis = 0; axis < 3; axis++, row += 4) {
-                double value = (double)row[0] * at[0] + (double)row[1] * at[1] + (double)row[2] * at[2] + row[3];
-                low[axis] = value < low[axis] ? value : low[axis];
-                high[axis] = value > high[axis] ? value : high[axis];
+            const float *at =
+                (mesh->end_positions && at_end ? mesh->end_positions : mesh->positions) + 3 * (size_t)mesh->indices[i];
+            double point[3];
+            move(import, instance, at_end, (const double[3]){at[0], at[1], at[2]}, point);
+            for (int axis = 0; axis < 3; axis++) {
+                low[axis] = point[axis] < low[axis] ? point[axis] : low[axis];
+                high[axis] = point[axis] > high[axis] ? point[axis] : high[axis];
             }
         }
     }
 }
 
-static void check_bounds(const struct gltf_case *gltf_case, const struct import *import)
+static void check_bounds(const struct import *import, bool at_end, const float wanted[2][3])
 {
-    static const float none[3] = {0}, quad_high[3] = {2, 3, 0};
     double low[3] = {1e30, 1e30, 1e30}, high[3] = {-1e30, -1e30, -1e30};
-    bool is_quad = !memcmp(gltf_case->low, none, sizeof none) && !memcmp(gltf_case->high, none, sizeof none);
     for (uint32_t i = 0; i < import->instance_count; i++)
         if (!import->instances[i].skipped)
-            extend(import, &import->instances[i], low, high);
+            extend(import, &import->instances[i], at_end, low, high);
     for (int axis = 0; axis < 3; axis++) {
-        assert_float_equal(low[axis], gltf_case->low[axis], 1e-5);
-        assert_float_equal(high[axis], is_quad ? quad_high[axis] : gltf_case->high[axis], 1e-5);
+        assert_float_equal(low[axis], wanted[0][axis], 1e-5);
+        assert_float_equal(high[axis], wanted[1][axis], 1e-5);
+    }
+}
+
+/* Checks the bounds at both ends of the shutter interval. Those that are not given are the ones before. */
+static void check_all_bounds(const struct gltf_case *gltf_case, const struct import *import)
+{
+    static const float none[3] = {0};
+    const float(*const given[2])[3] = {&gltf_case->low, &gltf_case->end_low};
+    float wanted[2][3] = {{0, 0, 0}, {2, 3, 0}};
+    for (int end = 0; end < 2; end++) {
+        const float *high = end ? gltf_case->end_high : gltf_case->high;
+        if (memcmp(*given[end], none, sizeof none) || memcmp(high, none, sizeof none)) {
+            memcpy(wanted[0], *given[end], sizeof wanted[0]);
+            memcpy(wanted[1], high, sizeof wanted[1]);
+        }
+        check_bounds(import, end == 1, (const float(*)[3])wanted);
     }
 }
 
@@ -80,9 +123,24 @@ static void check_import(const struct gltf_case *gltf_case, const struct import 
     assert_int_equal(import->skipped_instances, gltf_case->skipped);
     assert_int_equal(import->bottom_count, gltf_case->bottoms ? gltf_case->bottoms : 1);
     assert_int_equal(import->has_source, gltf_case->scene != NULL);
-    check_bounds(gltf_case, import);
+    assert_int_equal(import->is_shutter, gltf_case->until != NULL);
+    assert_int_equal(import_turning_count(import), gltf_case->srts);
+    assert_int_equal(import->motion_count - import_turning_count(import), gltf_case->matrices);
+    assert_int_equal(import->moving_meshes, gltf_case->moving);
+    assert_true(import->instance_deviation.distance <= gltf_case->off + 1e-5); /* another pivot may be a bit better */
+    assert_true(import->instance_deviation.distance >= 0.97 * gltf_case->off - 1e-5);
+    assert_float_equal(import->vertex_deviation.distance, gltf_case->vertices_off, 1e-5);
+    check_all_bounds(gltf_case, import);
     check_counts(gltf_case, &import->counts);
     check_mesh_counts(import);
+}
+
+static struct import_moment moment_of(const struct gltf_case *gltf_case)
+{
+    return (struct import_moment){.time = gltf_case->at ? strtod(gltf_case->at, NULL) : 0,
+                                  .animation = gltf_case->animation,
+                                  .is_shutter = gltf_case->until != NULL,
+                                  .end = gltf_case->until ? strtod(gltf_case->until, NULL) : 0};
 }
 
 static void check_case(const struct gltf_case *gltf_case)
@@ -95,7 +153,7 @@ static void check_case(const struct gltf_case *gltf_case)
     write_file("case.glb", bytes, gltf_case_make(gltf_case, bytes));
     memory_init(&memory, UINT64_MAX);
     print_message("%s\n", gltf_case->name);
-    const struct import_moment moment = {gltf_case->at ? strtod(gltf_case->at, NULL) : 0, gltf_case->animation};
+    const struct import_moment moment = moment_of(gltf_case);
     const struct import_wish wish = {.scene = gltf_case->scene, .moment = gltf_case->at ? &moment : NULL};
     enum bvhd_status status = import_scene_as("case.glb", &wish, &memory, &import, &error);
     snprintf(text, sizeof text, "%s: %s", error.where, error.text);
@@ -131,7 +189,7 @@ static enum bvhd_status read_here(const char *path, const struct gltf_case *gltf
 {
     struct import import;
     struct bvhd_error error = {0};
-    const struct import_moment moment = {gltf_case->at ? strtod(gltf_case->at, NULL) : 0, gltf_case->animation};
+    const struct import_moment moment = moment_of(gltf_case);
     const struct import_wish wish = {.scene = gltf_case->scene, .moment = gltf_case->at ? &moment : NULL};
     enum bvhd_status status = import_read_as(path, &wish, memory, &import, &error);
     if (!status)
@@ -207,7 +265,9 @@ static void test_no_memory(void **state)
                                         "node with a name",
                                         "weights of a node",
                                         "animated weights of sparse targets",
-                                        "animated joint"};
+                                        "animated joint",
+                                        "shutter, turning",
+                                        "shutter, joints"};
     static uint8_t bytes[GLTF_CASE_ROOM];
     for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
         const struct gltf_case *gltf_case = find_case(names[i]);
