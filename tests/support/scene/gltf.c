@@ -23,6 +23,8 @@ void gltf_finish(struct gltf *gltf)
             mesh_finish(&gltf->meshes[i].parts[part]);
     for (int i = 0; i < gltf->image_count; i++)
         free(gltf->images[i].pixels);
+    for (int i = 0; i < gltf->motion_count; i++)
+        free(gltf->motions[i].keys);
     free(gltf->nodes);
     memset(gltf, 0, sizeof *gltf);
 }
@@ -76,6 +78,17 @@ uint64_t gltf_triangles(const struct gltf *gltf)
             total += mesh->parts[part].triangle_count;
     }
     return total;
+}
+
+void gltf_move(struct gltf *gltf, int node, const struct gltf_key *keys, int count)
+{
+    if (gltf->motion_count == GLTF_MAX_MOTIONS)
+        end("too many nodes that move");
+    struct gltf_key *copy = malloc((size_t)count * sizeof *copy);
+    if (!copy)
+        end("no memory");
+    memcpy(copy, keys, (size_t)count * sizeof *copy);
+    gltf->motions[gltf->motion_count++] = (struct gltf_motion){node, count, copy};
 }
 
 int gltf_add_image(struct gltf *gltf, unsigned width, unsigned height,
@@ -216,11 +229,32 @@ static int write_part_accessors(const struct gltf_material *material, const stru
     return mesh->radii ? write_accessor(view, 5126, mesh->vertex_count, "SCALAR", file) : view;
 }
 
+/* The views and accessors of a motion: times, translations and rotations. */
+static int write_motion_accessors(const struct gltf_motion *motion, int view, FILE *file)
+{
+    const uint32_t count = (uint32_t)motion->key_count;
+    fprintf(
+        file,
+        ",\n{\"bufferView\":%d,\"componentType\":5126,\"count\":%u,\"type\":\"SCALAR\",\"min\":[%.9g],\"max\":[%.9g]}",
+        view, count, (double)(float)motion->keys[0].time, (double)(float)motion->keys[count - 1].time);
+    view = write_accessor(view + 1, 5126, count, "VEC3", file);
+    return write_accessor(view, 5126, count, "VEC4", file);
+}
+
+/* A target of 0 means that the view is not of a mesh. */
 static size_t write_view(size_t offset, size_t size, int target, FILE *file)
 {
-    fprintf(file, "%s\n{\"buffer\":0,\"byteOffset\":%zu,\"byteLength\":%zu,\"target\":%d}", offset ? "," : "", offset,
-            size, target);
+    fprintf(file, "%s\n{\"buffer\":0,\"byteOffset\":%zu,\"byteLength\":%zu", offset ? "," : "", offset, size);
+    if (target)
+        fprintf(file, ",\"target\":%d", target);
+    fprintf(file, "}");
     return offset + size;
+}
+
+static size_t write_motion_views(const struct gltf_motion *motion, size_t offset, FILE *file)
+{
+    const size_t count = (size_t)motion->key_count;
+    return write_view(write_view(write_view(offset, 4 * count, 0, file), 12 * count, 0, file), 16 * count, 0, file);
 }
 
 static size_t write_part_views(const struct gltf_material *material, const struct mesh *mesh, size_t offset, FILE *file)
@@ -236,21 +270,43 @@ static size_t write_part_views(const struct gltf_material *material, const struc
     return mesh->radii ? write_view(offset, (size_t)mesh->vertex_count * 4, 34962, file) : offset;
 }
 
-static void write_buffers(const struct gltf *gltf, const char *stem, FILE *file)
+/* Returns the number of the first accessor of the motions. */
+static int write_buffers(const struct gltf *gltf, const char *stem, FILE *file)
 {
-    int view = 0;
+    int view = 0, first_motion;
     size_t offset = 0;
     fprintf(file, "\"accessors\":[");
     for (int i = 0; i < gltf->mesh_count; i++)
         for (int part = 0; part < gltf->meshes[i].part_count; part++)
             view = write_part_accessors(material_of(gltf, &gltf->meshes[i], part), &gltf->meshes[i].parts[part], view,
                                         file);
+    first_motion = view;
+    for (int i = 0; i < gltf->motion_count; i++)
+        view = write_motion_accessors(&gltf->motions[i], view, file);
     fprintf(file, "],\n\"bufferViews\":[");
     for (int i = 0; i < gltf->mesh_count; i++)
         for (int part = 0; part < gltf->meshes[i].part_count; part++)
             offset =
                 write_part_views(material_of(gltf, &gltf->meshes[i], part), &gltf->meshes[i].parts[part], offset, file);
+    for (int i = 0; i < gltf->motion_count; i++)
+        offset = write_motion_views(&gltf->motions[i], offset, file);
     fprintf(file, "],\n\"buffers\":[{\"uri\":\"%s.bin\",\"byteLength\":%zu}],\n", stem, offset);
+    return first_motion;
+}
+
+static void write_animation(const struct gltf *gltf, int accessor, FILE *file)
+{
+    if (gltf->motion_count == 0)
+        return;
+    fprintf(file, "\"animations\":[{\"channels\":[");
+    for (int i = 0; i < 2 * gltf->motion_count; i++)
+        fprintf(file, "%s\n{\"sampler\":%d,\"target\":{\"node\":%d,\"path\":\"%s\"}}", i ? "," : "", i,
+                gltf->motions[i / 2].node, i % 2 ? "rotation" : "translation");
+    fprintf(file, "],\"samplers\":[");
+    for (int i = 0; i < 2 * gltf->motion_count; i++)
+        fprintf(file, "%s\n{\"input\":%d,\"output\":%d}", i ? "," : "", accessor + i / 2 * 3,
+                accessor + i / 2 * 3 + 1 + i % 2);
+    fprintf(file, "]}],\n");
 }
 
 static void write_children(const struct gltf *gltf, int parent, const char *label, FILE *file)
@@ -262,7 +318,29 @@ static void write_children(const struct gltf *gltf, int parent, const char *labe
     fprintf(file, "%s", count ? "]" : "");
 }
 
-/* glTF stores matrices by columns. */
+static void write_numbers(const char *label, const double *numbers, int count, FILE *file)
+{
+    fprintf(file, ",\"%s\":[", label);
+    for (int i = 0; i < count; i++)
+        fprintf(file, "%s%.9g", i ? "," : "", numbers[i]);
+    fprintf(file, "]");
+}
+
+/* glTF stores matrices by columns. A node that moves has none. */
+static void write_place(const struct gltf *gltf, int index, FILE *file)
+{
+    double columns[16];
+    for (int i = 0; i < gltf->motion_count; i++)
+        if (gltf->motions[i].node == index) {
+            write_numbers("translation", gltf->motions[i].keys[0].translation, 3, file);
+            write_numbers("rotation", gltf->motions[i].keys[0].rotation, 4, file);
+            return;
+        }
+    for (int i = 0; i < 16; i++)
+        columns[i] = i % 4 == 3 ? i == 15 : gltf->nodes[index].matrix[i % 4 * 4 + i / 4];
+    write_numbers("matrix", columns, 16, file);
+}
+
 static void write_node(const struct gltf *gltf, int index, FILE *file)
 {
     const struct gltf_node *node = &gltf->nodes[index];
@@ -272,11 +350,7 @@ static void write_node(const struct gltf *gltf, int index, FILE *file)
     fprintf(file, "\"");
     if (node->mesh != GLTF_NONE)
         fprintf(file, ",\"mesh\":%d", node->mesh);
-    fprintf(file, ",\"matrix\":[");
-    for (int column = 0; column < 4; column++)
-        for (int row = 0; row < 4; row++)
-            fprintf(file, "%s%.9g", column + row ? "," : "", row == 3 ? column == 3 : node->matrix[row * 4 + column]);
-    fprintf(file, "]");
+    write_place(gltf, index, file);
     write_children(gltf, index, ",\"children\":[", file);
     fprintf(file, "}");
 }
@@ -287,7 +361,7 @@ static int write_json(const struct gltf *gltf, const char *stem, FILE *file)
     write_images(gltf, stem, file);
     write_materials(gltf, file);
     write_meshes(gltf, file);
-    write_buffers(gltf, stem, file);
+    write_animation(gltf, write_buffers(gltf, stem, file), file);
     fprintf(file, "\"nodes\":[");
     for (int i = 0; i < gltf->node_count; i++)
         write_node(gltf, i, file);
@@ -354,11 +428,25 @@ static void write_part_bytes(const struct gltf_material *material, const struct 
     free(normals);
 }
 
+static void write_motion_bytes(const struct gltf_motion *motion, FILE *file)
+{
+    for (int path = 0; path < 3; path++)
+        for (int i = 0; i < motion->key_count; i++) {
+            const struct gltf_key *key = &motion->keys[i];
+            const double *numbers = path == 0 ? &key->time : path == 1 ? key->translation : key->rotation;
+            const int counts[] = {1, 3, 4};
+            for (int k = 0; k < counts[path]; k++)
+                fwrite(&(float){(float)numbers[k]}, sizeof(float), 1, file);
+        }
+}
+
 static int write_bin(const struct gltf *gltf, FILE *file)
 {
     for (int i = 0; i < gltf->mesh_count; i++)
         for (int part = 0; part < gltf->meshes[i].part_count; part++)
             write_part_bytes(material_of(gltf, &gltf->meshes[i], part), &gltf->meshes[i].parts[part], file);
+    for (int i = 0; i < gltf->motion_count; i++)
+        write_motion_bytes(&gltf->motions[i], file);
     return ferror(file) ? -1 : 0;
 }
 

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * gltf.h - a small glTF 2.0 scene: meshes of several materials, and nodes with matrices in a tree. Names are string
- * literals, or outlive the scene. Parts with lines are written as LINES, those with radii alone as POINTS, and radii as
- * the attribute _RADIUS.
+ * gltf.h - a small glTF 2.0 scene: meshes of several materials, and nodes with matrices in a tree, some of which move.
+ * Names are string literals, or outlive the scene. Parts with lines are written as LINES, those with radii alone as
+ * POINTS, and radii as the attribute _RADIUS.
  *
  * For test programs only: a scene over the fixed limits, or without memory, ends the program.
  */
@@ -13,7 +13,8 @@
 
 #include "tests/support/scene/mesh.h"
 
-enum { GLTF_MAX_MATERIALS = 32, GLTF_MAX_PARTS = 4, GLTF_MAX_MESHES = 64, GLTF_MAX_IMAGES = 4, GLTF_NONE = -1 };
+enum { GLTF_MAX_MATERIALS = 32, GLTF_MAX_PARTS = 4, GLTF_MAX_MESHES = 64, GLTF_MAX_IMAGES = 4, GLTF_MAX_MOTIONS = 16 };
+enum { GLTF_NONE = -1 };
 
 /* How texture coordinates follow from a vertex: by the two axes across its normal, or by longitude and latitude. */
 enum gltf_mapping { GLTF_BY_FACES, GLTF_BY_SPHERE };
@@ -49,6 +50,18 @@ struct gltf_node {
     double matrix[12]; /* row-major 3x4, to the parent's space */
 };
 
+/* Where a node is at a time. From one key to the next it moves in a straight line, and turns about one axis. */
+struct gltf_key {
+    double time; /* in seconds */
+    double translation[3], rotation[4]; /* to the parent's space; the rotation is a quaternion x, y, z, w of length 1 */
+};
+
+/* How a node moves. */
+struct gltf_motion {
+    int node, key_count;
+    struct gltf_key *keys; /* owned by the scene */
+};
+
 struct gltf {
     struct gltf_material materials[GLTF_MAX_MATERIALS];
     int material_count;
@@ -58,6 +71,8 @@ struct gltf {
     int mesh_count;
     struct gltf_node *nodes;
     int node_count, node_capacity;
+    struct gltf_motion motions[GLTF_MAX_MOTIONS];
+    int motion_count;
 };
 
 /* Frees a scene. A zeroed scene is an empty one. Accepts NULL. */
@@ -67,6 +82,9 @@ void gltf_finish(struct gltf *gltf);
 int gltf_add_material(struct gltf *gltf, const char *name, double red, double green, double blue);
 int gltf_add_mesh(struct gltf *gltf, const char *name);
 int gltf_add_node(struct gltf *gltf, const struct gltf_node *node);
+
+/* Lets a node move once, which counts instead of its matrix. The times of the keys ascend; the keys are copied. */
+void gltf_move(struct gltf *gltf, int node, const struct gltf_key *keys, int count);
 
 /* Adds an image that `paint` paints, pixel by pixel: u and v go from 0 to 1, from the upper left. */
 int gltf_add_image(struct gltf *gltf, unsigned width, unsigned height,

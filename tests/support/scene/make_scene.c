@@ -10,6 +10,7 @@
 #include "tests/support/scene/dance.h"
 #include "tests/support/scene/gallery.h"
 #include "tests/support/scene/hair.h"
+#include "tests/support/scene/mill.h"
 #include "tests/support/scene/park.h"
 
 enum { PARK_SIZE = 90000, ADVERSARIAL_SIZE = 20000, MOST = 20000000, EXIT_USAGE = 2 };
@@ -37,6 +38,8 @@ static void print_usage(FILE *file)
         "cloud: a sea shell of points with radii; FILE ends in .gltf or .ply. --size is their number (%d by default).\n"
         "\n"
         "dance: skins, morph targets and nodes that move for four seconds; FILE ends in .glb.\n"
+        "\n"
+        "mill: a windmill whose sails turn, and planes that fly, for four seconds; FILE ends in .gltf.\n"
         "\n"
         "gallery-NAME: one of the scenes of the contact sheet, as glTF, of a fixed size; --gallery prints their "
         "names.\n"
@@ -164,6 +167,13 @@ static int make_dance(const struct options *options)
     return result;
 }
 
+static int make_mill(const struct options *options)
+{
+    struct gltf gltf = {0};
+    mill_make(&gltf);
+    return write_gltf(options, &gltf);
+}
+
 static int make_adversarial(const struct adversarial *scene, const struct options *options)
 {
     struct mesh mesh = {0};
@@ -181,7 +191,8 @@ static const struct {
     const char *name;
     int (*make)(const struct options *options);
 } single_scenes[] = {
-    {"park", make_park}, {"dance", make_dance}, {"hair", make_hair}, {"hair-tubes", make_hair}, {"cloud", make_cloud},
+    {"park", make_park},       {"dance", make_dance}, {"hair", make_hair},
+    {"hair-tubes", make_hair}, {"cloud", make_cloud}, {"mill", make_mill},
 };
 
 /* Returns 0, -1 with errno set, or 1: there is no such scene. */
