@@ -82,7 +82,14 @@ struct portable_header {
     uint64_t vertex_offset;
     uint64_t geometry_offset;
     uint64_t body_size;
-    uint32_t reserved[6]; /* 0 */
+    /*
+     * Version 3: micromaps, and a micromap's index for each primitive, behind the geometries. Older versions have
+     * zeros.
+     */
+    uint64_t micromap_offset;
+    uint32_t micromap_count; /* struct portable_micromap, 48 bytes each */
+    uint32_t micromap_index_count; /* primitive_count, or 0: then no geometry has micromaps */
+    uint32_t reserved[2]; /* 0 */
 };
 
 /*
@@ -212,12 +219,31 @@ struct portable_geometry {
     uint32_t flags; /* GEOMETRY_ */
     uint32_t first_primitive;
     uint32_t primitive_count;
-    uint32_t reserved; /* 0 */
+    /* 0: none; 1 .. micromap_count: row + 1; PORTABLE_NO_MICROMAP: none, but its triangles have special indices */
+    uint32_t micromap;
+};
+
+/*
+ * Version 3: triangles with micromaps (VK_EXT_opacity_micromap). A triangle whose id has PORTABLE_ID_MICROMAP has an
+ * index, at its flat primitive id: a special one (MICROMAP_FULLY_), or the number of a triangle of its geometry's
+ * micromap. It decides the opacity of hits instead of bit 31, which says that the geometry is opaque, unless the
+ * instance disables micromaps. Indices of other primitives are 0.
+ */
+#define PORTABLE_ID_MICROMAP UINT32_C(0x40000000)
+#define PORTABLE_NO_MICROMAP UINT32_C(0xffffffff)
+
+/* A micromap that triangles of the structure name. Its bytes are a blob of their own (portable_micromap.h). */
+struct portable_micromap {
+    uint8_t key[32]; /* of the micromap */
+    uint32_t handle; /* its row among the serialized header's addresses */
+    uint32_t triangle_count;
+    uint32_t location[2]; /* 0; on a device the location of the micromap's body */
 };
 
 _Static_assert(sizeof(struct portable_header) == 128 && sizeof(struct portable_node) == 80, "layout");
 _Static_assert(sizeof(struct portable_indexed_triangle) == 16 && sizeof(struct portable_triangle) == 48, "layout");
 _Static_assert(sizeof(struct portable_aabb) == 32 && sizeof(struct portable_instance) == 128, "layout");
+_Static_assert(sizeof(struct portable_micromap) == 48, "layout");
 _Static_assert(sizeof(struct portable_round) == 8 && sizeof(struct portable_geometry) == 16, "layout");
 
 /*

@@ -68,9 +68,10 @@ static enum bvhd_status check_counts(const struct portable_reader *r)
         return corrupt(r, "body.geometryCount", "a top level has no geometries");
     if (r->view.handle_count != 0 && !is_top)
         return corrupt(r, "header.handleCount", "a bottom level has no handles");
-    for (int i = 0; i < 6; i++)
-        if (h->reserved[i] != 0)
-            return corrupt(r, "body.reserved", "not zero");
+    if (h->micromap_offset != 0 || h->micromap_count != 0 || h->micromap_index_count != 0)
+        return corrupt(r, "body.micromapOffset", "this version has no micromaps");
+    if (h->reserved[0] != 0 || h->reserved[1] != 0)
+        return corrupt(r, "body.reserved", "not zero");
     return BVHD_OK;
 }
 
@@ -131,8 +132,8 @@ static enum bvhd_status check_geometries(const struct portable_reader *r)
             return corrupt_at(r, "geometries", i, "firstPrimitive", "not the sum of those before");
         if (geometry->primitive_count > h->primitive_count - sum)
             return corrupt_at(r, "geometries", i, "primitiveCount", "more than there are in all");
-        if (geometry->reserved != 0)
-            return corrupt_at(r, "geometries", i, "reserved", "not zero");
+        if (geometry->micromap != 0)
+            return corrupt_at(r, "geometries", i, "micromap", "not zero");
         sum += geometry->primitive_count;
     }
     if (!record_kind_is_top(h->content) && sum != h->primitive_count)

@@ -20,17 +20,27 @@
 #include "proto/base/slabs.h"
 
 /* VkAccelerationStructureTypeKHR */
-enum { STRUCTURE_TOP = 0, STRUCTURE_BOTTOM = 1, STRUCTURE_GENERIC = 2 };
+enum {
+    STRUCTURE_TOP = 0,
+    STRUCTURE_BOTTOM = 1,
+    STRUCTURE_GENERIC = 2,
+    STRUCTURE_MICROMAP = 1000623000, /* Vulkan: OPACITY_MICROMAP_KHR; micromaps of VK_EXT_opacity_micromap, too */
+};
 
-/* VkGeometryTypeKHR, and two types of bvhd's own: of geometry that moves, which Vulkan says elsewhere */
+/*
+ * VkGeometryTypeKHR, and types of bvhd's own: of geometry that moves, which Vulkan says elsewhere, and of micromaps
+ * that are made from a texture
+ */
 enum {
     GEOMETRY_TRIANGLES = 0,
     GEOMETRY_AABBS = 1,
     GEOMETRY_INSTANCES = 2,
     GEOMETRY_SPHERES = 1000429004,
     GEOMETRY_SWEPT_SPHERES = 1000429005, /* Vulkan: LINEAR_SWEPT_SPHERES_NV */
+    GEOMETRY_MICROMAP = 1000623000, /* the only geometry of a micromap */
     GEOMETRY_MOVING_TRIANGLES = 0x40000000, /* TRIANGLES with VkAccelerationStructureGeometryMotionTrianglesDataNV */
     GEOMETRY_MOVING_INSTANCES = 0x40000002, /* INSTANCES of a build with BUILD_MOTION */
+    GEOMETRY_BAKED_MICROMAP = 0x40000003, /* the only geometry of a micromap whose states a texture decides */
 };
 
 /* VkAccelerationStructureMotionInstanceTypeNV */
@@ -46,7 +56,7 @@ enum { MOTION_RECORD_DATA = 8, MOTION_RECORD_SIZE = 152, MOTION_RECORD_STRIDE = 
 enum { GEOMETRY_OPAQUE = 1, GEOMETRY_NO_DUPLICATE_ANY_HIT = 2 };
 
 /* VkIndexType */
-enum { INDEX_UINT16 = 0, INDEX_UINT32 = 1, INDEX_NONE = 1000165000 };
+enum { INDEX_UINT16 = 0, INDEX_UINT32 = 1, INDEX_NONE = 1000165000, INDEX_UINT8 = 1000265000 };
 
 /* VkRayTracingLssIndexingModeNV */
 enum { SWEPT_LIST = 0, SWEPT_SUCCESSIVE = 1 };
@@ -65,6 +75,10 @@ enum {
     BUILD_PREFER_FAST_BUILD = 0x8,
     BUILD_LOW_MEMORY = 0x10,
     BUILD_MOTION = 0x20,
+    BUILD_ALLOW_MICROMAP_UPDATE = 0x40, /* this and the next: of OPACITY_MICROMAP(S) */
+    BUILD_ALLOW_DISABLE_MICROMAPS = 0x80,
+    BUILD_ALLOW_MICROMAP_DATA_UPDATE = 0x100,
+    BUILD_MICROMAP_LOSSY = 0x400,
     BUILD_ALLOW_DATA_ACCESS = 0x800,
 };
 
@@ -74,7 +88,18 @@ enum {
     INSTANCE_FLIP_FACING = 0x2,
     INSTANCE_FORCE_OPAQUE = 0x4,
     INSTANCE_FORCE_NO_OPAQUE = 0x8,
+    INSTANCE_FORCE_MICROMAP_2_STATE = 0x10,
+    INSTANCE_DISABLE_MICROMAPS = 0x20,
 };
+
+/*
+ * VkOpacityMicromapSpecialIndexEXT, as the 32-bit number that it is after an index of any width has been read: the
+ * whole triangle has state ~index of enum micro_state.
+ */
+#define MICROMAP_FULLY_TRANSPARENT UINT32_C(0xffffffff)
+#define MICROMAP_FULLY_OPAQUE UINT32_C(0xfffffffe)
+#define MICROMAP_FULLY_UNKNOWN_TRANSPARENT UINT32_C(0xfffffffd)
+#define MICROMAP_FULLY_UNKNOWN_OPAQUE UINT32_C(0xfffffffc)
 
 /* VkAccelerationStructureBuildRangeInfoKHR */
 struct geometry_range {
@@ -82,6 +107,82 @@ struct geometry_range {
     uint32_t primitive_offset; /* bytes */
     uint32_t first_vertex;
     uint32_t transform_offset; /* bytes */
+};
+
+/* VkMicromapUsageEXT: how many triangles of a micromap, or with one, have this level and format. */
+struct micromap_usage {
+    uint32_t count;
+    uint32_t level; /* subdivisionLevel, 0 .. 12 */
+    uint32_t format; /* VkOpacityMicromapFormatEXT: enum micro_format */
+};
+
+/* VkMicromapTriangleEXT: where the states of a micromap's triangle begin, in bytes, and what they are. */
+struct micromap_triangle {
+    uint32_t offset;
+    uint16_t level;
+    uint16_t format;
+};
+
+_Static_assert(sizeof(struct micromap_usage) == 12 && sizeof(struct micromap_triangle) == 8, "Vulkan's structs");
+
+/*
+ * VkAccelerationStructureGeometryMicromapDataKHR, or the same part of VkMicromapBuildInfoEXT. range.primitive_count is
+ * the number of triangles, the sum of the counts of `usages`.
+ */
+struct geometry_micromap {
+    struct bytes usages; /* of struct micromap_usage, at any alignment */
+    struct bytes states; /* data: what the offsets of triangles count in */
+    struct bytes triangles; /* of struct micromap_triangle */
+    uint64_t stride; /* of `triangles`, in bytes */
+};
+
+/* How a texture is repeated outside of [0, 1). */
+enum bake_wrap { BAKE_REPEAT = 0, BAKE_MIRRORED_REPEAT = 1, BAKE_CLAMP_TO_EDGE = 2 };
+
+/* What alpha decides. */
+enum bake_mode {
+    BAKE_MASK = 0, /* alpha at or over the cutoff is opaque, other is transparent (glTF's MASK) */
+    BAKE_BLEND = 1, /* alpha 255 is opaque, alpha 0 transparent, and all between unknown (glTF's BLEND) */
+};
+
+/* The level of a bake that chooses each triangle's level by how much it decides for its bytes. */
+#define BAKE_LEVEL_AUTO UINT32_C(0xffffffff)
+
+/*
+ * A micromap that is made from the alpha of a texture: one of its indices for each of range.primitive_count triangles,
+ * which texture coordinates place on the texture. It has no counterpart in Vulkan.
+ */
+struct geometry_bake {
+    struct bytes alpha; /* rows of one byte a texel */
+    uint32_t width, height; /* texels, 1 .. 16,384 */
+    uint64_t row_stride; /* bytes */
+    uint32_t wrap_u, wrap_v; /* enum bake_wrap */
+    uint32_t is_nearest; /* 1: the nearest texel decides; 0: alpha is interpolated between four texels */
+    uint32_t mode; /* enum bake_mode */
+    float cutoff; /* of BAKE_MASK: 0 .. 1 */
+    uint32_t format; /* enum micro_format */
+    uint32_t level; /* the most of a triangle: 0 .. 12, or BAKE_LEVEL_AUTO */
+    struct bytes coordinates; /* two floats a vertex */
+    uint64_t coordinate_stride; /* bytes */
+    uint32_t vertex_count;
+    uint32_t index_type; /* INDEX_: UINT16, UINT32, NONE */
+    struct bytes indices; /* three a triangle; ignored if index_type is INDEX_NONE */
+};
+
+/*
+ * VkAccelerationStructureTrianglesOpacityMicromapEXT or ...KHR: the micromap of each triangle of a geometry. Triangle i
+ * has the index that is read at indices + i * stride, or i itself without indices. A special index (MICROMAP_FULLY_)
+ * stands for one state; to others base_triangle is added, and the sum names a triangle of the micromap.
+ */
+struct triangle_micromap {
+    uint32_t is_given; /* 1: the struct is there; 0: the geometry has no micromap, and all else is 0 */
+    uint32_t index_type; /* INDEX_: UINT16, UINT32, NONE; of the KHR struct also INDEX_UINT8 */
+    struct bytes indices; /* ignored if index_type is INDEX_NONE */
+    uint64_t stride; /* of `indices`, in bytes; 0 is legal */
+    uint32_t base_triangle;
+    uint32_t has_usages; /* 1: `usages` are given (EXT); 0: they are not (KHR) */
+    struct bytes usages; /* of struct micromap_usage: those of the triangles that are named, special ones excluded */
+    uint64_t micromap; /* the handle of a reference of REFERENCE_MICROMAP; 0: none, so that all indices are special */
 };
 
 /* VkAccelerationStructureGeometryTrianglesDataKHR */
@@ -95,6 +196,7 @@ struct geometry_triangles {
     struct bytes transform; /* a row-major 3x4 float matrix at range.transform_offset; data NULL: no transform */
     /* GEOMETRY_MOVING_TRIANGLES: the vertices at t = 1, while `vertices` has those at t = 0; both move in lines */
     struct bytes end_vertices;
+    struct triangle_micromap micromap; /* of both kinds of triangles */
 };
 
 /* VkAccelerationStructureGeometryAabbsDataKHR: six floats per box, minimum then maximum */
@@ -144,24 +246,28 @@ struct geometry {
         struct geometry_instances instances;
         struct geometry_spheres spheres;
         struct geometry_swept_spheres swept_spheres;
+        struct geometry_micromap micromap;
+        struct geometry_bake bake;
     };
     struct geometry_range range;
 };
 
-/*
- * A structure that others may reference: the caller's knowledge of a BLAS under a TLAS. The enumeration leaves room for
- * micromaps.
- */
-enum reference_kind { REFERENCE_BLAS = 1 };
+/* A structure that others may reference: a bottom level under a top level, or a micromap on triangles. */
+enum reference_kind { REFERENCE_BLAS = 1, REFERENCE_MICROMAP = 2 };
 
 struct reference {
     enum reference_kind kind;
-    uint64_t handle; /* the value that instance records carry; not 0; unique within the table */
+    uint64_t handle; /* the value that instance records or triangles carry; not 0; unique within the table */
     bool moves; /* it has motion triangles, so only a top level with BUILD_MOTION may name it */
     bool has_key;
     struct key key; /* if has_key: the key of the structure's bytes */
     struct box bounds; /* of the structure in its own space; box_empty() for an empty structure */
     struct slabs slabs; /* of the structure in its own space; may be unknown */
+    /*
+     * REFERENCE_MICROMAP, which has a key, and neither bounds nor slabs: the micromap's bytes, as a target's writer
+     * made them. They do not travel: whoever prepares the build has found them by the key.
+     */
+    struct bytes blob;
 };
 
 /* How much time a build may take to make tracing faster; requests choose it in addition to Vulkan's flags. */

@@ -8,8 +8,8 @@
 #include "proto/base/vertex_element.h"
 #include "proto/base/vulkan_name.h"
 
-/* Values of VkFormat that decide which rule a wrong one breaks, and an index type that builds may not have. */
-enum { FORMAT_LAST_OF_CORE = 184, FORMAT_FIRST_OF_EXTENSIONS = 1000000000, INDEX_UINT8 = 1000265000 };
+/* Values of VkFormat that decide which rule a wrong one breaks. */
+enum { FORMAT_LAST_OF_CORE = 184, FORMAT_FIRST_OF_EXTENSIONS = 1000000000 };
 
 /* Returns the place of a field, as in "infos[0].geometries[1].triangles.vertexFormat". */
 static struct place field_place(const struct validate_subject *subject, const char *field)

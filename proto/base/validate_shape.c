@@ -27,11 +27,7 @@ enum {
 };
 
 /* Structure and geometry types that Vulkan defines and bvhd does not implement. */
-enum {
-    STRUCTURE_OPACITY_MICROMAP = 1000623000,
-    GEOMETRY_DENSE_TRIANGLES = 1000478000,
-    GEOMETRY_MICROMAP = 1000623000,
-};
+enum { GEOMETRY_DENSE_TRIANGLES = 1000478000 };
 
 /* A type that no build may have breaks one rule more together with motion; that rule is the one that is reported. */
 static enum bvhd_status refuse_generic(uint32_t flags, uint32_t index, struct bvhd_error *error)
@@ -52,7 +48,7 @@ static enum bvhd_status check_type(uint32_t type, uint32_t flags, uint32_t index
         return BVHD_OK;
     case STRUCTURE_GENERIC:
         return refuse_generic(flags, index, error);
-    case STRUCTURE_OPACITY_MICROMAP:
+    case STRUCTURE_MICROMAP:
         return bvhd_error_set(error, BVHD_UNSUPPORTED, where.text, "opacity micromaps are not built");
     default:
         return bvhd_error_rule(error, BVHD_VUID_BuildGeometryInfo_type_parameter, where.text,

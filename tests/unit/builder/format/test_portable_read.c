@@ -113,7 +113,8 @@ static void headers_are_checked(void **state)
     SPOIL(&s, h->depth, 33, "body.depth");
     SPOIL(&s, h->depth, h->depth + 1, "body.depth");
     SPOIL(&s, h->record_count, 0, "body.recordCount");
-    SPOIL(&s, h->reserved[5], 1, "body.reserved");
+    SPOIL(&s, h->reserved[1], 1, "body.reserved");
+    SPOIL(&s, h->micromap_count, 1, "body.micromapOffset");
     SPOIL(&s, h->bounds[0], NAN, "body.bounds");
     SPOIL(&s, h->bounds[4], INFINITY, "body.bounds");
     SPOIL(&s, h->bounds[2], h->bounds[5] * 2 + 1, "body.bounds");
@@ -132,7 +133,7 @@ static void headers_are_checked(void **state)
     SPOIL(&s, h->geometry_count, h->geometry_count - 1, "body.primitiveCount");
     SPOIL(&s, s.geometries[1].first_primitive, 199, "geometries[1].firstPrimitive");
     SPOIL(&s, s.geometries[1].primitive_count, 201, "geometries[1].primitiveCount");
-    SPOIL(&s, s.geometries[0].reserved, 1, "geometries[0].reserved");
+    SPOIL(&s, s.geometries[0].micromap, 1, "geometries[0].micromap");
     expect(&s, BVHD_OK, "");
     free(s.blob);
 }
