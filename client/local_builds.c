@@ -193,7 +193,7 @@ void local_builds_hold_source(struct bvhd_batch *batch, uint32_t index)
 {
     struct client_item *item = &batch->items[index];
     const struct key *key = &vulkan_input_entries(batch->input)[index].source_key;
-    if (!item->source && !key_is_zero(key))
+    if (item->state != ITEM_DONE && !item->source && !key_is_zero(key))
         item->source = local_sources_find(key);
 }
 

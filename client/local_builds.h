@@ -54,7 +54,7 @@ void local_builds_take_all(struct bvhd_client *client);
 
 /*
  * Lets an update keep the structure that it updates, if that was built here: the program may drop it before the update
- * begins.
+ * begins. An item that is done keeps nothing.
  */
 void local_builds_hold_source(struct bvhd_batch *batch, uint32_t index);
 
