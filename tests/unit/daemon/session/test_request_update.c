@@ -10,7 +10,6 @@
 
 #include "builder/content_key.h"
 #include "builder/store/generation.h"
-#include "tests/support/builder/inputs.h"
 #include "tests/support/daemon/update_request.h"
 #include "tests/support/random.h"
 
@@ -141,30 +140,6 @@ static void test_results_are_kept(void **state)
     assert_int_equal(world_await_result(client, update_requests, 1)->result->summary.refits, 1);
     assert_int_equal(world_counters(&world).refits_done, 1);
     world_mesh_finish(&mesh);
-}
-
-/* Each kind of structure, with everything that may be other than it was. */
-static void test_every_kind(void **state)
-{
-    (void)state;
-    static void (*const makers[])(struct test_input *) = {inputs_triangles, inputs_aabbs, inputs_instances};
-    struct world_client *client = world_join(&world);
-    struct test_input test;
-    for (int i = 0; i < 3; i++) {
-        makers[i](&test);
-        test.input.flags = BUILD_ALLOW_UPDATE;
-        struct key key = update_build(client, &test.input);
-        for (int k = 0; k < INPUTS_VERTICES; k++)
-            test.vertices[k][k % 3] += 2;
-        test.transform[7] += 1;
-        test.boxes[0][3] += 1;
-        test.records[0][3] = 0x40400000;
-        const struct build_input update = update_of(&test.input);
-        const struct control_result *result = update_await(client, update_ask(client, &update, &key))->result;
-        assert_string_equal(result->error.text, "");
-        assert_int_equal(result->error.status, BVHD_OK);
-        assert_int_equal(result->summary.refits, 1);
-    }
 }
 
 /* ---- where the source is ---- */
@@ -579,7 +554,6 @@ int main(void)
         cmocka_unit_test_setup_teardown(test_updates_are_refits, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_updates_are_no_builds, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_results_are_kept, set_up, tear_down),
-        cmocka_unit_test_setup_teardown(test_every_kind, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_lost_sources, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_sources_are_held, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_no_cache, set_up, tear_down),
