@@ -130,6 +130,16 @@ static void either_end_can_be_inactive(void **state)
             assert_int_equal(record_is_active(&record, i), end ? i > 1 : i != 0 && i != 1 && i != 3);
         record_finish(&record, &bed_memory);
     }
+    inputs_mixed_triangles(&input); /* the geometry that stands still comes first */
+    const struct geometry first = input.geometries[0];
+    input.geometries[0] = input.geometries[1];
+    input.geometries[1] = first;
+    input.input.flags |= BUILD_ALLOW_UPDATE;
+    input.end_vertices[4][1] = NAN;
+    struct record reversed = update_bed_record(&input);
+    for (uint32_t i = 0; i < 5; i++)
+        assert_int_equal(record_is_active(&reversed, i), i != 4);
+    record_finish(&reversed, &bed_memory);
     inputs_motion_instances(&input);
     input.input.flags |= BUILD_ALLOW_UPDATE;
     inputs_set_motion_record(&input, 1, MOTION_STATIC, 55, 0);
