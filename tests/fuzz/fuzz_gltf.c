@@ -3,8 +3,8 @@
  * A GLB or glTF text from anywhere: it is either an error with a place, or an import whose numbers are in range.
  *
  * Input: the file. What meshes look like is read of files with an odd number of bytes. Files whose number of bytes has
- * a two in it are read at a moment of their animation, which is in the last byte. Points and lines are read of files
- * whose number of bytes has a four, or an eight, in it.
+ * a two in it are read at a moment of their animation, which is in the last byte, and over a shutter interval if that
+ * is odd. Points and lines are read of files whose number of bytes has a four, or an eight, in it.
  */
 #include "tests/fuzz/fuzz.h"
 
@@ -63,9 +63,31 @@ static void check_instances(const struct import *import)
     }
     for (uint32_t i = 0; i < import->instance_count; i++) {
         FUZZ_CHECK(import->instances[i].bottom < import->bottom_count);
+        FUZZ_CHECK(import->instances[i].motion <= import->motion_count);
         for (int k = 0; k < 12; k++)
             FUZZ_CHECK(import->instances[i].skipped || isfinite(import->instances[i].transform[k]));
     }
+}
+
+static void check_motion(const struct import *import)
+{
+    uint32_t moving = 0;
+    for (uint32_t i = 0; i < import->motion_count; i++) {
+        const struct import_motion *motion = &import->motions[i];
+        FUZZ_CHECK(motion->kind == ORACLE_MATRIX || motion->kind == ORACLE_SRT);
+        for (int k = 0; k < (motion->kind == ORACLE_SRT ? 16 : 12); k++)
+            FUZZ_CHECK(isfinite(motion->start[k]) && isfinite(motion->end[k]));
+    }
+    for (uint32_t i = 0; i < import->mesh_count; i++) {
+        const struct import_mesh *mesh = &import->meshes[i];
+        FUZZ_CHECK(!mesh->end_positions || (import->is_shutter && mesh->shape == IMPORT_TRIANGLES));
+        touch(mesh->end_positions, UINT64_C(3) * mesh->vertex_count);
+        moving += mesh->end_positions != NULL;
+    }
+    FUZZ_CHECK(moving == import->moving_meshes && (import->is_shutter || import->motion_count == 0));
+    FUZZ_CHECK(isfinite(import->instance_deviation.distance) && isfinite(import->vertex_deviation.distance));
+    FUZZ_CHECK(import->instance_deviation.distance == 0 || import->instance_deviation.which < import->node_names.size);
+    FUZZ_CHECK(import->vertex_deviation.distance == 0 || import->vertex_deviation.which < import->mesh_count);
 }
 
 /* Puts the input into a file in memory. It stays open, because making one takes a seventh of the time of an input. */
@@ -90,7 +112,9 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     memory_init(&memory, UINT64_C(1) << 26);
     import_files_init(&files, &memory);
     struct import import = {.memory = &memory, .wants_looks = size % 2};
-    const struct import_moment moment = {.time = size ? data[size - 1] / 64.0 : 0};
+    const uint8_t last = size ? data[size - 1] : 0;
+    const struct import_moment moment = {
+        .time = last / 64.0, .is_shutter = last % 2, .end = last / 64.0 + 0.5, .is_for_updates = last % 4 == 3};
     const struct import_wish wish = {
         .moment = size & 2 ? &moment : NULL, .point_radius = size & 4 ? 0.5f : 0, .line_radius = size & 8 ? 0.25f : 0};
     enum bvhd_status status = gltf_read(path, &wish, &files, &import, &foreign, &error);
@@ -100,6 +124,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         check_meshes(&import);
         check_looks(&import);
         check_instances(&import);
+        check_motion(&import);
     }
     import.files = files.paths;
     import.file_count = files.count;

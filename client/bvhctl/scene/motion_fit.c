@@ -5,6 +5,12 @@
 #include <math.h>
 #include <string.h>
 
+/*
+ * The longest pivot, in the greatest distance of the path from the origin. What rounding of it does to both ends stays
+ * below 1e-5 of that.
+ */
+enum { PIVOT_MOST = 32 };
+
 /* ---- vectors ---- */
 
 static double dot(const double a[3], const double b[3])
@@ -194,8 +200,8 @@ static void measure(const struct motion_path *path, struct motion_fit *fit)
     }
 }
 
-/* Returns how far rounding to float may move a point of the box. */
-static double rounding_of(const struct motion_path *path)
+/* Returns how far from the origin the path takes a point of the box. */
+static double length_of(const struct motion_path *path)
 {
     double reach = 0;
     for (int step = 0; step <= MOTION_FIT_STEPS; step++)
@@ -204,7 +210,7 @@ static double rounding_of(const struct motion_path *path)
             corner_of(path, corner, point);
             reach = fmax(reach, reach_of(&path->at[step], point));
         }
-    return reach * 4 * (double)FLT_EPSILON;
+    return reach;
 }
 
 /* ---- turning ---- */
@@ -255,9 +261,9 @@ static void find_offset(const struct motion_path *path, const struct turn *turn,
  * Finds the pivot p for which the squares of the distances of the middle of the box are least. With it the rotation
  * R(t) is about another point, and the translation makes up for that at both ends, so that (R(t) - linear R) p is added
  * to where everything is. What of p is along the axis of the turn has no effect: a small multiple of the unit matrix
- * keeps it near 0.
+ * keeps it near 0. It is not longer than `most`, because rounding it to float moves both ends.
  */
-static void find_pivot(const struct motion_path *path, struct turn *turn)
+static void find_pivot(const struct motion_path *path, double most, struct turn *turn)
 {
     double rows[3][3] = {{0}}, right[3] = {0}, ends[2][3][3], middle[3];
     bool is_there = rotation_of(turn->quaternions[0], ends[0]) && rotation_of(turn->quaternions[1], ends[1]);
@@ -284,6 +290,9 @@ static void find_pivot(const struct motion_path *path, struct turn *turn)
         rows[i][i] += weight;
     if (!(weight > 0) || !solve((const double(*)[3])rows, right, turn->pivot))
         memset(turn->pivot, 0, sizeof turn->pivot);
+    double length = sqrt(dot(turn->pivot, turn->pivot));
+    for (int i = 0; i < 3 && length > most; i++)
+        turn->pivot[i] *= most / length;
 }
 
 /* Writes the 16 numbers of one end. The translation makes up for what rounding does to the others. */
@@ -317,11 +326,11 @@ static void try_turn(const struct motion_path *path, const struct turn *turn, do
         *best = fit;
 }
 
-/* Tries to turn the shorter way and then the longer one, about the object's own origin and then about a pivot. */
+/* Tries to turn both ways round, about the object's own origin and then about a pivot. */
 static void try_turns(const struct motion_path *path, bool starts_whole, struct motion_fit *best)
 {
     double upright[3][3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
-    double rounding = rounding_of(path), cosine = 0;
+    double length = length_of(path), rounding = length * 4 * (double)FLT_EPSILON;
     struct turn turn;
     int first = starts_whole ? 0 : 1; /* the end that has a rotation, which the other may need */
     for (int i = 0; i < 2; i++) {
@@ -329,16 +338,13 @@ static void try_turns(const struct motion_path *path, bool starts_whole, struct 
         turn.ends[end] = take_apart(&path->at[end * MOTION_FIT_STEPS], i ? turn.ends[first].columns : upright);
         quaternion_of(turn.ends[end].columns, turn.quaternions[end]);
     }
-    for (int i = 0; i < 4; i++)
-        cosine += turn.quaternions[0][i] * turn.quaternions[1][i];
-    double sign = cosine < 0 ? -1 : 1;
-    for (int way = 0; way < 2; way++, sign = -1) {
-        for (int i = 0; i < 4; i++)
-            turn.quaternions[1][i] *= sign;
+    for (int way = 0; way < 2; way++) {
         memset(turn.pivot, 0, sizeof turn.pivot);
         try_turn(path, &turn, rounding, best);
-        find_pivot(path, &turn);
+        find_pivot(path, length * PIVOT_MOST, &turn);
         try_turn(path, &turn, rounding, best);
+        for (int i = 0; i < 4; i++)
+            turn.quaternions[1][i] *= -1;
     }
 }
 

@@ -294,6 +294,16 @@ static void test_bad_lines(void **state)
     expect_bad("bvhctl build a -o b --at soon", "--at");
     expect_bad("bvhctl build a -o b --at inf", "--at");
     expect_bad("bvhctl build a -o b --at 1s", "--at");
+    expect_bad("bvhctl build a -o b --shutter 1", "--shutter");
+    expect_bad("bvhctl build a -o b --shutter 1:1", "--shutter");
+    expect_bad("bvhctl build a -o b --shutter 2:1", "--shutter");
+    expect_bad("bvhctl build a -o b --shutter 0:inf", "--shutter");
+    expect_bad("bvhctl build a -o b --shutter nan:1", "--shutter");
+    expect_bad("bvhctl build a -o b --shutter 0:1s", "--shutter");
+    expect_bad("bvhctl build a -o b --shutter 0:1:2", "--shutter");
+    expect_bad("bvhctl build a -o b --shutter 0:1 --at 1", "--shutter");
+    expect_bad("bvhctl update a b --shutter 0:1 --frames 0:1:1", "--shutter");
+    expect_bad("bvhctl check a b --shutter 0:1", "--shutter");
     expect_bad("bvhctl update a b --frames 0:1", "--frames");
     expect_bad("bvhctl update a b --frames 1:0:1", "--frames");
     expect_bad("bvhctl update a b --frames 0:1:0", "--frames");

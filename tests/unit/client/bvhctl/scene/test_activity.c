@@ -28,6 +28,30 @@ static void test_kinds(void **state)
     assert_int_equal(activity.infinite, 2);
 }
 
+/* A triangle that moves is without area only if it is so for sure at all times. */
+static void test_moving(void **state)
+{
+    (void)state;
+    float starts[] = {0, 0, 0, 1, 0, 0, 0, 1, 0, 2, 0, 0, 3, 0, 0, 0, 0, 0};
+    float ends[] = {0, 0, 1, 1, 0, 1, 0, 1, 1, 2, 0, 1, NAN, 0, 0, INFINITY, 0, 0};
+    uint32_t indices[] = {
+        0, 1, 2, /* active */
+        1, 1, 2, /* without area: a repeated corner */
+        0, 1, 3, /* without area: on a line along an axis at both ends */
+        0, 1, 4, /* inactive at the end */
+        0, 1, 5, /* infinite at the end */
+        0, 5, 2, /* infinite at the end, although it has no area at the start */
+    };
+    const struct import_mesh mesh = {
+        .positions = starts, .end_positions = ends, .indices = indices, .vertex_count = 6, .primitive_count = 6};
+    struct activity activity = activity_of(&mesh);
+    assert_int_equal(activity.degenerate, 2);
+    assert_int_equal(activity.inactive, 1);
+    assert_int_equal(activity.infinite, 2);
+    starts[3 * 3 + 1] = 1e-3f; /* off the line at the start alone */
+    assert_int_equal(activity_of(&mesh).degenerate, 1);
+}
+
 static void test_empty(void **state)
 {
     (void)state;
@@ -38,6 +62,7 @@ static void test_empty(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_kinds), cmocka_unit_test(test_empty)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_kinds), cmocka_unit_test(test_moving),
+                                       cmocka_unit_test(test_empty)};
     return cmocka_run_group_tests_name("activity", tests, NULL, NULL);
 }

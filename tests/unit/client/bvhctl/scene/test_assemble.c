@@ -4,6 +4,7 @@
 
 #include "proto/base/bytes.h"
 #include "tests/support/client/bvhctl/test_world.h"
+#include "client/bvhctl/scene/assemble_internal.h"
 #include "client/bvhctl/scene/unpack.h"
 
 static void test_structures(void **state)
@@ -74,6 +75,45 @@ static void test_unpack(void **state)
     unpack_finish(&unpacked);
     test_world_finish(&world);
     assert_int_equal(world.local.memory.live, 0);
+}
+
+/* Motion instances have the type of their motion, and its numbers; inactive ones name nothing, whatever they have. */
+static void test_motion_records(void **state)
+{
+    (void)state;
+    struct import_motion motions[2] = {{.kind = ORACLE_MATRIX}, {.kind = ORACLE_SRT}};
+    struct import_instance instances[4] = {{.motion = 0, .transform = {1, 0, 0, 5, 0, 1, 0, 6, 0, 0, 1, 7}},
+                                           {.motion = 1},
+                                           {.motion = 2},
+                                           {.motion = 2, .skipped = true}};
+    const struct import import = {.instances = instances, .instance_count = 4, .motions = motions, .motion_count = 2};
+    for (int i = 0; i < 16; i++)
+        for (int k = 0; k < 2; k++) {
+            motions[k].start[i] = (float)(100 * k + i);
+            motions[k].end[i] = (float)(1000 + 100 * k + i);
+        }
+    _Static_assert(sizeof(struct assemble_motion_record) == 160, "as far apart as Vulkan reads them");
+    VkAccelerationStructureMotionInstanceNV record = assemble_describe_motion(&import, 0, 9).instance;
+    assert_int_equal(record.type, VK_ACCELERATION_STRUCTURE_MOTION_INSTANCE_TYPE_STATIC_NV);
+    assert_true(record.data.staticInstance.transform.matrix[2][3] == 7 && record.flags == 0);
+    assert_int_equal(record.data.staticInstance.accelerationStructureReference, 9);
+    record = assemble_describe_motion(&import, 1, 9).instance;
+    assert_int_equal(record.type, VK_ACCELERATION_STRUCTURE_MOTION_INSTANCE_TYPE_MATRIX_MOTION_NV);
+    const VkAccelerationStructureMatrixMotionInstanceNV *matrices = &record.data.matrixMotionInstance;
+    assert_true(matrices->transformT0.matrix[2][3] == 11 && matrices->transformT1.matrix[0][1] == 1001);
+    assert_true(matrices->mask == 0xff && matrices->instanceCustomIndex == 1);
+    assert_int_equal(matrices->accelerationStructureReference, 9);
+    record = assemble_describe_motion(&import, 2, 9).instance;
+    assert_int_equal(record.type, VK_ACCELERATION_STRUCTURE_MOTION_INSTANCE_TYPE_SRT_MOTION_NV);
+    const VkAccelerationStructureSRTMotionInstanceNV *srt = &record.data.srtMotionInstance;
+    assert_true(srt->transformT0.sx == 100 && srt->transformT0.pvx == 103 && srt->transformT0.pvz == 108);
+    assert_true(srt->transformT1.qx == 1109 && srt->transformT1.qw == 1112 && srt->transformT1.tz == 1115);
+    assert_true(srt->mask == 0xff && srt->instanceCustomIndex == 2);
+    assert_int_equal(srt->accelerationStructureReference, 9);
+    record = assemble_describe_motion(&import, 3, 9).instance;
+    assert_int_equal(record.type, VK_ACCELERATION_STRUCTURE_MOTION_INSTANCE_TYPE_STATIC_NV);
+    assert_int_equal(record.data.staticInstance.accelerationStructureReference, 0);
+    assert_true(record.data.staticInstance.transform.matrix[1][1] == 1);
 }
 
 /*
@@ -435,11 +475,17 @@ static void test_wrong_handles(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_structures),     cmocka_unit_test(test_answers),
-        cmocka_unit_test(test_unpack),         cmocka_unit_test(test_rules_are_reported),
-        cmocka_unit_test(test_cancelled),      cmocka_unit_test(test_no_memory),
-        cmocka_unit_test(test_lost_backend),   cmocka_unit_test(test_updates),
-        cmocka_unit_test(test_update_of_some), cmocka_unit_test(test_native_handles),
+        cmocka_unit_test(test_structures),
+        cmocka_unit_test(test_answers),
+        cmocka_unit_test(test_motion_records),
+        cmocka_unit_test(test_unpack),
+        cmocka_unit_test(test_rules_are_reported),
+        cmocka_unit_test(test_cancelled),
+        cmocka_unit_test(test_no_memory),
+        cmocka_unit_test(test_lost_backend),
+        cmocka_unit_test(test_updates),
+        cmocka_unit_test(test_update_of_some),
+        cmocka_unit_test(test_native_handles),
         cmocka_unit_test(test_wrong_handles),
     };
     return cmocka_run_group_tests_name("assemble", tests, NULL, NULL);

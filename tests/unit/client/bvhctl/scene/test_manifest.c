@@ -103,7 +103,10 @@ static void test_hostile(void **state)
                                           "{\"time\":1,\"animation\":5e9}",
                                           "{\"time\":\"1\",\"animation\":0}",
                                           "{\"animation\":null}",
-                                          "{\"time\":1e999,\"animation\":null}"};
+                                          "{\"time\":1e999,\"animation\":null}",
+                                          "{\"time\":1,\"end\":1,\"animation\":0}",
+                                          "{\"time\":1,\"end\":\"2\",\"animation\":0}",
+                                          "{\"time\":1,\"end\":1e999,\"animation\":0}"};
     for (size_t i = 0; i < sizeof moments / sizeof *moments; i++) {
         char text[512];
         snprintf(text, sizeof text, ENTRY("\"a\"", "\"tlas\"", ",\"handles\":[],\"source_moment\":%s"), moments[i]);
@@ -142,6 +145,14 @@ static void test_wish(void **state)
         BVHD_OK);
     manifest_wish_init(&wish, &manifest.entries[0]);
     assert_true(wish.wish.moment && wish.wish.moment->time == -0.1 && !wish.wish.moment->animation);
+    assert_false(wish.wish.moment->is_shutter);
+    manifest_finish(&manifest);
+    assert_int_equal(read_text(ENTRY("\"a\"", "\"tlas\"",
+                                     ",\"handles\":[],\"source_moment\":{\"time\":1,\"end\":1.5,\"animation\":0}"),
+                               &memory, &manifest, NULL),
+                     BVHD_OK);
+    manifest_wish_init(&wish, &manifest.entries[0]);
+    assert_true(wish.wish.moment && wish.wish.moment->is_shutter && wish.wish.moment->end == 1.5);
     manifest_finish(&manifest);
     assert_int_equal(read_text(ENTRY("\"a\"", "\"tlas\"",
                                      ",\"handles\":[],\"source_scene\":{\"number\":4,\"name\":\"night\"},"
