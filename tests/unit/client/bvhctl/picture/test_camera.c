@@ -22,7 +22,7 @@ struct set {
 static char name[] = "mesh";
 static uint32_t list[] = {0};
 static struct import_bottom bottom = {name, list, 1};
-static struct import_instance instance = {.matrix = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
+static struct import_instance instance = {.transform = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
 static struct import_mesh imported;
 
 static void open_set(struct set *set, const struct mesh *mesh, char up, const struct camera_options *options)
