@@ -1,19 +1,16 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * packet_avx2.c - traces up to eight rays at once through unpacked structures. The rays have one octant: their
- * directions have the same signs. Through motion triangles they have one time. Each of them gets the answer that it
- * gets alone.
+ * directions have the same signs. Through motion triangles they may have one time or several. Each of them gets the
+ * answer that it gets alone.
  *
  * A node is first tested against the bundle of all rays, eight boxes at a time, and the children that remain against
  * the rays, eight rays at a time. Where few rays are left they go on alone. At an instance the rays that meet it are
  * put into its space, where those of one octant go on together.
  */
-#include "builder/traverse/packet_setup.h"
+#include "builder/traverse/packet_triangle.h"
 
 #ifdef BOXTEST_AVX2
-
-/* The kind of structure that a packet walks through. The walk is compiled once for each kind. */
-enum packet_kind { PACKET_TRIANGLES, PACKET_MOVING, PACKET_TOP };
 
 enum { ALONE = 1 }; /* up to ALONE rays go on alone; more share steps, since each would have to be prepared again */
 
@@ -21,10 +18,10 @@ enum { ALONE = 1 }; /* up to ALONE rays go on alone; more share steps, since eac
 BOXTEST_AVX2_INLINE const struct unpacked_node *node_at(const struct packet *packet, uint32_t index,
                                                         enum packet_kind kind)
 {
-    return kind == PACKET_MOVING ? &packet->moving_nodes[index].start : &packet->nodes[index];
+    return kind_moves(kind) ? &packet->moving_nodes[index].start : &packet->nodes[index];
 }
 
-/* Returns a row of a node's planes, at the time of the packet. */
+/* Returns a row of a node's planes, at the time of the packet if it has one, else at t = 0. */
 BOXTEST_AVX2_INLINE __m256 row_of(const struct packet *packet, const struct unpacked_node *node, uint32_t row,
                                   enum packet_kind kind)
 {
@@ -34,7 +31,10 @@ BOXTEST_AVX2_INLINE __m256 row_of(const struct packet *packet, const struct unpa
     return _mm256_loadu_ps(node->planes[row]);
 }
 
-/* The planes of a node's children relative to the origins of the bundle: those that rays meet first, and last. */
+/*
+ * The planes of a node's children relative to the origins of the bundle: those that rays meet first, and last. For rays
+ * of different times they are those at t = 0.
+ */
 struct moved_planes {
     float near[3][8], far[3][8];
 };
@@ -53,6 +53,14 @@ BOXTEST_AVX2_INLINE unsigned test_bundle(const struct packet *packet, const stru
                                           _mm256_broadcast_ss(&packet->far_origin[axis]));
         _mm256_storeu_ps(ret_planes->near[axis], first);
         _mm256_storeu_ps(ret_planes->far[axis], last);
+        if (kind == PACKET_TIMES) {
+            const struct unpacked_moving_node *moving = (const struct unpacked_moving_node *)(const void *)node;
+            const __m256 first_moved = _mm256_loadu_ps(moving->moved[packet->planes.near[axis]]),
+                         last_moved = _mm256_loadu_ps(moving->moved[packet->planes.far[axis]]);
+            near = _mm256_max_ps(near, times_multiply(&packet->times, first, first_moved, least, greatest).least);
+            far = _mm256_min_ps(far, times_multiply(&packet->times, last, last_moved, least, greatest).greatest);
+            continue;
+        }
         near = _mm256_max_ps(near, _mm256_min_ps(_mm256_mul_ps(first, least), _mm256_mul_ps(first, greatest)));
         far = _mm256_min_ps(far, _mm256_max_ps(_mm256_mul_ps(last, least), _mm256_mul_ps(last, greatest)));
     }
@@ -65,14 +73,23 @@ BOXTEST_AVX2_INLINE unsigned test_bundle(const struct packet *packet, const stru
 }
 
 /* Returns the lanes that meet a child's box. */
-BOXTEST_AVX2_INLINE uint32_t test_lanes(const struct packet *packet, const struct moved_planes *planes, unsigned slot)
+BOXTEST_AVX2_INLINE uint32_t test_lanes(const struct packet *packet, const struct unpacked_node *node,
+                                        const struct moved_planes *planes, unsigned slot, enum packet_kind kind)
 {
+    const struct unpacked_moving_node *moving = (const struct unpacked_moving_node *)(const void *)node;
     __m256 first[3], last[3];
     for (int axis = 0; axis < 3; axis++) {
-        first[axis] = _mm256_fmsub_ps(_mm256_broadcast_ss(&planes->near[axis][slot]), packet->inverse[axis],
-                                      packet->near_moved[axis]);
-        last[axis] = _mm256_fmsub_ps(_mm256_broadcast_ss(&planes->far[axis][slot]), packet->inverse[axis],
-                                     packet->far_moved[axis]);
+        const float *near_plane = &planes->near[axis][slot], *far_plane = &planes->far[axis][slot];
+        __m256 near_at, far_at;
+        if (kind == PACKET_TIMES) {
+            near_at = times_plane(&packet->times, near_plane, &moving->moved[packet->planes.near[axis]][slot]);
+            far_at = times_plane(&packet->times, far_plane, &moving->moved[packet->planes.far[axis]][slot]);
+        } else {
+            near_at = _mm256_broadcast_ss(near_plane);
+            far_at = _mm256_broadcast_ss(far_plane);
+        }
+        first[axis] = _mm256_fmsub_ps(near_at, packet->inverse[axis], packet->near_moved[axis]);
+        last[axis] = _mm256_fmsub_ps(far_at, packet->inverse[axis], packet->far_moved[axis]);
     }
     __m256 near = _mm256_max_ps(_mm256_max_ps(first[0], first[1]), first[2]),
            far = _mm256_min_ps(_mm256_min_ps(last[0], last[1]), last[2]);
@@ -89,7 +106,7 @@ BOXTEST_AVX2_INLINE struct avx2_walk *lane_walk(struct packet *packet, unsigned 
         packet->ready |= 1u << lane;
         packet->work.cost += COST_ALONE;
         struct traverse_state *state = &packet->states[lane].state;
-        if (kind == PACKET_MOVING) {
+        if (kind_moves(kind)) {
             moving_walk_init_world(walk, state, packet->view, &packet->moving_nodes->start);
             avx2_walk_init_triangles(walk);
         } else if (packet->object_to_world) {
@@ -112,87 +129,19 @@ BOXTEST_AVX2_INLINE void lane_limit(struct packet *packet, unsigned lane)
     packet->live &= ~((uint32_t)state->is_done << lane);
 }
 
-/* The hits of four rays at one triangle. */
-struct packet_hits {
-    double t[4], u[4], v[4], sum[4];
-    uint32_t maybe, is_clear; /* lanes: the ray can meet the triangle; the numbers above are its hit */
-};
-
-BOXTEST_AVX2_INLINE __m256d spread(const float *from)
-{
-    return _mm256_cvtps_pd(_mm_broadcast_ss(from));
-}
-
-/* Returns a coordinate of a corner relative to the rays' origins, along the k-th axis in each ray's order. */
-BOXTEST_AVX2_INLINE __m256d move_along(const struct packet_triangles *ray, const int *const orders[3], bool is_mixed,
-                                       int k, const float *corner)
-{
-    __m256d at = spread(&corner[orders[0][k]]);
-    if (is_mixed)
-        at = choose(at, spread(&corner[orders[1][k]]), spread(&corner[orders[2][k]]), ray);
-    return _mm256_sub_pd(at, ray->origin[k]);
-}
-
-/* Does the work of triangle_avx2_intersect() for four rays and one triangle, with the same operations. */
-BOXTEST_AVX2_INLINE void meet_four(const struct packet_triangles *ray, const int *const orders[3], bool is_mixed,
-                                   const float *const corners[3], uint32_t lanes, struct packet_hits *ret_hits)
-{
-    const __m256d sign = _mm256_set1_pd(-0.0);
-    __m256d x[3], y[3], z[3], left[3], right[3], below, above;
-    for (int k = 0; k < 3; k++) {
-        const __m256d depth = move_along(ray, orders, is_mixed, 2, corners[k]);
-        x[k] = _mm256_sub_pd(move_along(ray, orders, is_mixed, 0, corners[k]), _mm256_mul_pd(ray->shear[0], depth));
-        y[k] = _mm256_sub_pd(move_along(ray, orders, is_mixed, 1, corners[k]), _mm256_mul_pd(ray->shear[1], depth));
-        z[k] = _mm256_mul_pd(ray->shear[2], depth);
-    }
-    below = above = _mm256_setzero_pd();
-    __m256d is_signed = _mm256_castsi256_pd(_mm256_set1_epi64x(-1));
-    for (int k = 0; k < 3; k++) {
-        const int from = (k + 1) % 3, to = (k + 2) % 3;
-        left[k] = _mm256_mul_pd(x[to], y[from]);
-        right[k] = _mm256_mul_pd(y[to], x[from]);
-        const __m256d is_below = _mm256_cmp_pd(left[k], right[k], _CMP_LT_OQ),
-                      is_above = _mm256_cmp_pd(left[k], right[k], _CMP_GT_OQ);
-        below = _mm256_or_pd(below, is_below);
-        above = _mm256_or_pd(above, is_above);
-        is_signed = _mm256_and_pd(is_signed, _mm256_or_pd(is_below, is_above));
-    }
-    ret_hits->maybe = ~(uint32_t)_mm256_movemask_pd(_mm256_and_pd(below, above)) & lanes;
-    if (ret_hits->maybe == 0)
-        return;
-    __m256d edges[3], sizes[3];
-    for (int k = 0; k < 3; k++) {
-        edges[k] = _mm256_sub_pd(left[k], right[k]);
-        sizes[k] = _mm256_add_pd(_mm256_andnot_pd(sign, left[k]), _mm256_andnot_pd(sign, right[k]));
-    }
-    const __m256d sum = _mm256_add_pd(_mm256_add_pd(edges[0], edges[1]), edges[2]), size = _mm256_andnot_pd(sign, sum),
-                  products = _mm256_add_pd(_mm256_add_pd(sizes[0], sizes[1]), sizes[2]);
-    const __m256d is_large =
-        _mm256_cmp_pd(size, _mm256_mul_pd(_mm256_set1_pd(2 * triangle_cancellation), products), _CMP_GE_OQ);
-    const __m256d is_finite = _mm256_cmp_pd(size, _mm256_set1_pd(DBL_MAX), _CMP_LE_OQ);
-    ret_hits->is_clear = (uint32_t)_mm256_movemask_pd(_mm256_and_pd(is_signed, _mm256_and_pd(is_large, is_finite)));
-    for (int k = 0; k < 3; k++)
-        edges[k] = _mm256_div_pd(edges[k], sum);
-    _mm256_storeu_pd(ret_hits->t,
-                     _mm256_add_pd(_mm256_add_pd(_mm256_mul_pd(edges[0], z[0]), _mm256_mul_pd(edges[1], z[1])),
-                                   _mm256_mul_pd(edges[2], z[2])));
-    _mm256_storeu_pd(ret_hits->u, edges[1]);
-    _mm256_storeu_pd(ret_hits->v, edges[2]);
-    _mm256_storeu_pd(ret_hits->sum, sum);
-}
-
 /*
- * Gives the corners of a triangle, at the packet's time, and returns its id. Those of motion triangles are computed
+ * Gives the corners of a triangle, if all rays have them, and returns its id. Those of motion triangles are computed
  * into `room`.
  */
 BOXTEST_AVX2_INLINE uint32_t corners_of(const struct packet *packet, uint32_t record, enum packet_kind kind,
                                         float room[3][4], const float *ret_corners[3])
 {
-    if (kind != PACKET_MOVING)
+    if (!kind_moves(kind))
         return traverse_corners_stored(packet->view, record, ret_corners);
     const struct unpacked_moving_triangle *triangle = &packet->moving_triangles[record];
     for (int k = 0; k < 3; k++) {
-        _mm_storeu_ps(room[k], moving_corner_at(triangle, k, packet->at));
+        if (kind == PACKET_MOVING)
+            _mm_storeu_ps(room[k], moving_corner_at(triangle, k, packet->at));
         ret_corners[k] = room[k];
     }
     return triangle->id;
@@ -202,22 +151,27 @@ BOXTEST_AVX2_INLINE void meet_triangle(struct packet *packet, uint32_t record, u
                                        enum packet_kind kind)
 {
     float room[3][4];
-    const float *corners[3];
-    const uint32_t id = corners_of(packet, record, kind, room, corners);
+    struct packet_corners corners;
+    const uint32_t id = corners_of(packet, record, kind, room, corners.corners);
     packet->work.counters.triangles += (unsigned)__builtin_popcount(lanes);
     for (unsigned half = 0; half < 2; half++) {
         struct packet_hits hits;
         if (!(lanes >> 4 * half & 15))
             continue;
-        meet_four(&packet->triangles[half], packet->orders, is_mixed, corners, lanes >> 4 * half & 15, &hits);
+        if (kind == PACKET_TIMES)
+            times_corners_init(&packet->times, (int)half, &packet->moving_triangles[record], &corners.times);
+        meet_four(&packet->triangles[half], packet->orders, is_mixed, &corners, lanes >> 4 * half & 15, kind, &hits);
         for (uint32_t rest = hits.maybe; rest != 0; rest &= rest - 1) {
             const unsigned at = (unsigned)__builtin_ctz(rest), lane = 4 * half + at;
             struct traverse_state *state = &packet->states[lane].state;
             struct triangle_hit hit = {hits.t[at], hits.u[at], hits.v[at], hits.sum[at] > 0};
-            if (__builtin_expect(!(hits.is_clear >> at & 1), 0) &&
-                !triangle_intersect(&lane_walk(packet, lane, kind)->state->triangle_ray, corners[0], corners[1],
-                                    corners[2], &hit))
-                continue;
+            if (__builtin_expect(!(hits.is_clear >> at & 1), 0)) {
+                if (kind == PACKET_TIMES)
+                    times_corners_of(&corners.times, at, room);
+                if (!triangle_intersect(&lane_walk(packet, lane, kind)->state->triangle_ray, corners.corners[0],
+                                        corners.corners[1], corners.corners[2], &hit))
+                    continue;
+            }
             if (!(hit.t > state->ray->tmin && hit.t <= state->tmax))
                 continue;
             traverse_leaf_hit(state, record, id & PORTABLE_ID_MASK, id & PORTABLE_ID_OPAQUE, &hit);
@@ -251,7 +205,7 @@ BOXTEST_AVX2_INLINE uint64_t pack(uint32_t near, uint32_t lanes, uint32_t child)
 
 BOXTEST_AVX2_INLINE void prefetch_child(const struct packet *packet, uint32_t child, enum packet_kind kind)
 {
-    const bool is_node = child >= CHILD_ROOT, moves = kind == PACKET_MOVING;
+    const bool is_node = child >= CHILD_ROOT, moves = kind_moves(kind);
     const uintptr_t node_size = moves ? sizeof *packet->moving_nodes : sizeof *packet->nodes;
     const uintptr_t record_size = moves ? sizeof *packet->moving_triangles : packet->record_size;
     const void *nodes = moves ? (const void *)packet->moving_nodes : packet->nodes;
@@ -293,7 +247,7 @@ BOXTEST_AVX2_INLINE void find_closest(struct packet *packet, uint32_t lanes, enu
         } else if (kind != PACKET_TOP && __builtin_popcount(lanes) <= ALONE) {
             for (; lanes != 0; lanes &= lanes - 1) {
                 unsigned lane = (unsigned)__builtin_ctz(lanes);
-                (kind == PACKET_MOVING ? moving_walk_closest : avx2_walk_closest)(lane_walk(packet, lane, kind), child);
+                (kind_moves(kind) ? moving_walk_closest : avx2_walk_closest)(lane_walk(packet, lane, kind), child);
                 lane_limit(packet, lane);
             }
         } else {
@@ -305,7 +259,7 @@ BOXTEST_AVX2_INLINE void find_closest(struct packet *packet, uint32_t lanes, enu
             count_step(packet, lanes);
             for (; slots != 0; slots &= slots - 1) {
                 unsigned slot = (unsigned)__builtin_ctz(slots);
-                uint32_t met = test_lanes(packet, &planes, slot) & lanes;
+                uint32_t met = test_lanes(packet, node, &planes, slot, kind) & lanes;
                 if (met == 0)
                     continue;
                 uint64_t entry = pack(near[slot], met, node->children[slot]), *at = top++;
@@ -342,7 +296,7 @@ BOXTEST_AVX2_INLINE void find_any(struct packet *packet, uint32_t root_lanes, en
         if (kind != PACKET_TOP && __builtin_popcount(lanes) <= ALONE) {
             for (; lanes != 0; lanes &= lanes - 1) {
                 unsigned lane = (unsigned)__builtin_ctz(lanes);
-                (kind == PACKET_MOVING ? moving_walk_any : avx2_walk_any)(lane_walk(packet, lane, kind), index);
+                (kind_moves(kind) ? moving_walk_any : avx2_walk_any)(lane_walk(packet, lane, kind), index);
                 lane_limit(packet, lane);
             }
             continue;
@@ -355,7 +309,7 @@ BOXTEST_AVX2_INLINE void find_any(struct packet *packet, uint32_t root_lanes, en
         unsigned inner = 0;
         for (; slots != 0; slots &= slots - 1) {
             unsigned slot = (unsigned)__builtin_ctz(slots);
-            met[slot] = test_lanes(packet, &planes, slot) & lanes & packet->live;
+            met[slot] = test_lanes(packet, node, &planes, slot, kind) & lanes & packet->live;
             if (met[slot] == 0)
                 continue;
             if (node->children[slot] < CHILD_ROOT)
@@ -400,14 +354,6 @@ BOXTEST_AVX2_INLINE void packet_begin(struct packet *packet, struct traverse_wal
     packet->step_cost = COST_STEP;
     packet->work = (struct packet_work){.cost = 0};
     packet->ready = 0;
-}
-
-/* Does what is left to start a packet of rays with one time in motion triangles. */
-BOXTEST_AVX2_INLINE void packet_begin_moving(struct packet *packet, float time)
-{
-    packet->moving_nodes = (const struct unpacked_moving_node *)(const void *)packet->nodes;
-    packet->moving_triangles = unpacked_moving_triangles(packet->view, packet->moving_nodes);
-    packet->at = motion_weights_at(time);
 }
 
 /* Returns those of the lanes whose rays see an instance with this mask. */
@@ -497,6 +443,14 @@ BOXTEST_AVX2 static void packet_walk_moving(struct packet *packet, uint32_t lane
         find_closest(packet, lanes, PACKET_MOVING);
 }
 
+BOXTEST_AVX2 static void packet_walk_times(struct packet *packet, uint32_t lanes, bool is_any)
+{
+    if (is_any)
+        find_any(packet, lanes, PACKET_TIMES);
+    else
+        find_closest(packet, lanes, PACKET_TIMES);
+}
+
 BOXTEST_AVX2 static void packet_walk_top(struct packet *packet, uint32_t lanes, bool is_any)
 {
     if (is_any)
@@ -505,30 +459,62 @@ BOXTEST_AVX2 static void packet_walk_top(struct packet *packet, uint32_t lanes, 
         find_closest(packet, lanes, PACKET_TOP);
 }
 
+/* Puts the rays of a packet that has begun into its lanes. Returns the lanes that can go on. */
+BOXTEST_AVX2_INLINE uint32_t packet_take(struct packet *packet, const struct ray *const rays[LANES], uint32_t lanes)
+{
+    packet_to_world(packet, rays);
+    lanes = packet_init(packet, lanes);
+    packet->live = lanes;
+    packet->tmax = _mm256_blendv_ps(_mm256_set1_ps(-1), packet->tmax, lane_mask(lanes));
+    return lanes;
+}
+
+/* Traces a packet through motion triangles. */
+BOXTEST_AVX2 static uint32_t trace_moving(struct traverse_walk *states, const struct ray *const rays[LANES],
+                                          uint32_t lanes, const struct scene *scene, struct packet_work *work)
+{
+    const bool is_any = rays[0]->flags & RAY_TERMINATE_ON_FIRST_HIT;
+    struct packet packet;
+    packet_begin(&packet, states, scene->bottoms[0], scene->unpacked[0]);
+    packet.moving_nodes = (const struct unpacked_moving_node *)(const void *)packet.nodes;
+    packet.moving_triangles = unpacked_moving_triangles(packet.view, packet.moving_nodes);
+    packet.at = motion_weights_at(rays[0]->time);
+    const bool have_times = times_init(&packet.times, rays);
+    lanes = packet_take(&packet, rays, lanes);
+    if (lanes == 0)
+        return 0;
+    packet_widen(&packet);
+    packet_bundle(&packet, lanes);
+    packet_triangles_init(&packet, lanes);
+    if (have_times) {
+        times_widen(&packet, lanes);
+        packet.step_cost += COST_TIMES;
+        packet_walk_times(&packet, lanes, is_any);
+    } else {
+        packet_walk_moving(&packet, lanes, is_any);
+    }
+    count(&packet, work);
+    return lanes;
+}
+
 BOXTEST_AVX2 uint32_t packet_avx2_trace(struct traverse_walk *states, const struct ray *const rays[LANES],
                                         uint32_t lanes, const struct scene *scene, struct packet_work *work)
 {
     const bool is_top = scene->top != NULL, is_any = rays[0]->flags & RAY_TERMINATE_ON_FIRST_HIT;
     struct packet packet;
+    if (!is_top && scene->bottoms[0]->header->content == PORTABLE_MOVING_TRIANGLES)
+        return trace_moving(states, rays, lanes, scene, work);
     packet_begin(&packet, states, is_top ? scene->top : scene->bottoms[0],
                  is_top ? scene->unpacked_top : scene->unpacked[0]);
-    const bool moves = packet.view->header->content == PORTABLE_MOVING_TRIANGLES;
-    if (moves)
-        packet_begin_moving(&packet, rays[0]->time);
-    packet_to_world(&packet, rays);
-    lanes = packet_init(&packet, lanes);
+    lanes = packet_take(&packet, rays, lanes);
     if (lanes == 0)
         return 0;
-    packet.live = lanes;
-    packet.tmax = _mm256_blendv_ps(_mm256_set1_ps(-1), packet.tmax, lane_mask(lanes));
-    if (moves)
-        packet_widen(&packet);
     packet_bundle(&packet, lanes);
     if (is_top) {
         packet_walk_top(&packet, lanes, is_any);
     } else {
         packet_triangles_init(&packet, lanes);
-        (moves ? packet_walk_moving : packet_walk)(&packet, lanes, is_any);
+        packet_walk(&packet, lanes, is_any);
     }
     count(&packet, work);
     return lanes;

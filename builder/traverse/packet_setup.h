@@ -29,16 +29,22 @@ enum { LANES = 8 };
 
 /*
  * The costs of packets, in visits of nodes by single rays: of a step of a packet, with its tests in leaves; of a step
- * of rays with several main axes, whose triangles take more instructions and whose branches are hard to predict; and of
- * the second preparation of a ray that goes on alone. They are fitted to times of packets and of single rays in ten
- * scenes.
+ * of rays with several main axes, whose triangles take more instructions and whose branches are hard to predict; what
+ * different times add to a step; and of the second preparation of a ray that goes on alone. They are fitted to times of
+ * packets and of single rays in ten scenes.
  */
-enum { COST_STEP = 3, COST_MIXED = 6, COST_ALONE = 4 };
+enum { COST_STEP = 3, COST_MIXED = 6, COST_TIMES = 1, COST_ALONE = 4 };
 
 /* Four of the rays as struct triangle_ray has one. */
 struct packet_triangles {
     __m256d origin[3], shear[3];
     __m256d is_y, is_z; /* the lanes whose main axis is y, or z */
+};
+
+/* The times of the rays, with which the starts and the ends of numbers count, and the ends of their interval. */
+struct packet_times {
+    __m256 start, end;
+    float least, greatest;
 };
 
 /* Some rays, each in a lane of vectors of eight. */
@@ -62,10 +68,11 @@ struct packet {
     uint32_t record_size;
     const struct portable_view *view;
     const struct unpacked_node *nodes;
-    /* Only of motion triangles, for rays that have one time; `nodes` is not used there. */
+    /* Only of motion triangles; `nodes` is not used there. */
     const struct unpacked_moving_node *moving_nodes;
     const struct unpacked_moving_triangle *moving_triangles;
-    struct motion_weights at;
+    struct motion_weights at; /* of rays that have one time; else `times` is used */
+    struct packet_times times;
     const float *object_to_world; /* the rays are in the space of this instance; NULL: in world space */
     uint32_t step_cost; /* of a step of this packet */
     struct packet_work work;

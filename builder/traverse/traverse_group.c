@@ -146,18 +146,6 @@ static bool is_tile(const struct ray *rays, uint32_t count)
     return row_moved < half_moved || (row_moved == half_moved && row_turned < half_turned);
 }
 
-/* Returns whether the rays of a group may be in packets: those through motion triangles need one time. */
-static bool have_one_time(const struct group *group, uint32_t count)
-{
-    const struct scene *scene = group->stream->scene;
-    if (scene->top || scene->bottoms[0]->header->content != PORTABLE_MOVING_TRIANGLES)
-        return true;
-    for (uint32_t i = 1; i < count; i++)
-        if (group->rays[i].time != group->rays[0].time)
-            return false;
-    return true;
-}
-
 /*
  * Traces the plain rays of each kind in packets. Returns the rays that are left. A packet of a tile is 4 pixels wide
  * and 2 high, since it meets fewer boxes than a row of 8.
@@ -241,7 +229,7 @@ uint64_t traverse_group(struct traverse_stream *stream, const struct ray *rays, 
     for (uint32_t i = 0; i < count; i++)
         plain |= (uint64_t)ray_is_plain(&rays[i]) << i;
     left = all & ~plain;
-    if (stream->alone == 0 && have_one_time(&group, count))
+    if (stream->alone == 0)
         plain = trace_packets(&group, count, plain);
     else
         stream->alone -= count < stream->alone ? count : stream->alone;
