@@ -13,11 +13,13 @@ static enum bvhd_status is_other(const struct appearance *appearance, struct bvh
                           "the file has changed since the structures were built from it");
 }
 
-static bool same_corners(const struct import_mesh *mesh, uint32_t primitive, const float corners[3][3])
+/* Compares the corners of a primitive with the positions of its mesh at either end of its motion. */
+static bool same_corners(const struct import_mesh *mesh, const float *positions, uint32_t primitive,
+                         const float corners[3][3])
 {
     uint32_t count = import_shape_kinds[mesh->shape].corners;
     for (uint32_t i = 0; i < count; i++) {
-        const float *position = mesh->positions + 3 * (size_t)mesh->indices[(size_t)count * primitive + i];
+        const float *position = positions + 3 * (size_t)mesh->indices[(size_t)count * primitive + i];
         for (int k = 0; k < 3; k++)
             if (position[k] != corners[i][k])
                 return false;
@@ -26,7 +28,7 @@ static bool same_corners(const struct import_mesh *mesh, uint32_t primitive, con
 }
 
 /* Returns the flat number of a primitive, and the positions of its corners: one of a sphere, two of a swept one. */
-static uint32_t take_corners(const struct structure *structure, uint32_t row, float ret_corners[3][3])
+static uint32_t take_corners(const struct structure *structure, uint32_t row, float time, float ret_corners[3][3])
 {
     uint32_t flat;
     if (structure_round_count(structure)) {
@@ -35,7 +37,7 @@ static uint32_t take_corners(const struct structure *structure, uint32_t row, fl
             memcpy(ret_corners[end], round.ends[end], sizeof ret_corners[end]);
         return round.primitive;
     }
-    structure_triangle(structure, row, 0, ret_corners, &flat);
+    structure_triangle(structure, row, time, ret_corners, &flat);
     return flat;
 }
 
@@ -46,14 +48,18 @@ static bool same_primitives(const struct import *import, const struct import_bot
     enum { COMPARED = 16 };
     uint32_t rows = structure_triangle_count(structure) + structure_round_count(structure), step = rows / COMPARED + 1;
     for (uint32_t row = 0; row < rows; row += step) {
-        float corners[3][3];
-        uint32_t flat = take_corners(structure, row, corners);
+        float corners[3][3], end_corners[3][3];
+        uint32_t flat = take_corners(structure, row, 0, corners);
+        take_corners(structure, row, 1, end_corners);
         for (uint32_t i = 0; i < structure->geometry_count; i++) {
             const struct structure_geometry *geometry = &structure->geometries[i];
             if (flat - geometry->first_primitive >= geometry->primitive_count)
                 continue;
             const struct import_mesh *mesh = &import->meshes[bottom->meshes[geometry->geometry]];
-            if (!same_corners(mesh, flat - geometry->first_primitive, (const float(*)[3])corners))
+            const float *end = mesh->end_positions ? mesh->end_positions : mesh->positions;
+            const uint32_t primitive = flat - geometry->first_primitive;
+            if (!same_corners(mesh, mesh->positions, primitive, (const float(*)[3])corners) ||
+                !same_corners(mesh, end, primitive, (const float(*)[3])end_corners))
                 return false;
         }
     }
@@ -74,6 +80,26 @@ static bool same_bottom(const struct import *import, uint32_t index, const struc
     return same_primitives(import, bottom, structure);
 }
 
+static bool same_numbers(const float *a, const float *b, int count)
+{
+    for (int i = 0; i < count; i++)
+        if (a[i] != b[i])
+            return false;
+    return true;
+}
+
+static bool same_place(const struct import *import, const struct import_instance *other,
+                       const struct structure_instance *instance)
+{
+    const struct import_motion *motion = other->motion ? &import->motions[other->motion - 1] : NULL;
+    if (!motion)
+        return instance->motion == MOTION_STATIC && same_numbers(other->transform, instance->start, PORTABLE_MATRIX);
+    const bool is_srt = motion->kind == ORACLE_SRT;
+    const int count = is_srt ? PORTABLE_SRT : PORTABLE_MATRIX;
+    return instance->motion == (is_srt ? MOTION_SRT : MOTION_MATRIX) &&
+           same_numbers(motion->start, instance->start, count) && same_numbers(motion->end, instance->end, count);
+}
+
 static bool same_instances(const struct import *import, const struct structures *structures)
 {
     enum { COMPARED = 256 };
@@ -84,10 +110,8 @@ static bool same_instances(const struct import *import, const struct structures 
         if (instance.instance >= import->instance_count)
             return false;
         const struct import_instance *other = &import->instances[instance.instance];
-        for (int i = 0; i < 12; i++)
-            if (other->transform[i] != instance.start[i])
-                return false;
-        if (!same_bottom(import, other->bottom, &structures->files[instance.bottom].structure))
+        if (!same_place(import, other, &instance) ||
+            !same_bottom(import, other->bottom, &structures->files[instance.bottom].structure))
             return false;
     }
     return true;
@@ -159,7 +183,7 @@ void appearance_close(struct appearance *appearance)
 struct spot {
     const struct import_look *look;
     uint32_t corners[3]; /* the vertices of the primitive, of which a round one repeats some */
-    const float *transform; /* of the instance; NULL: none */
+    const float *transform; /* of the instance, when it was hit; NULL: none */
     double weights[3]; /* of the corners; those that repeat another have 0 */
 };
 
@@ -176,7 +200,7 @@ static bool find_spot(const struct appearance *appearance, const struct stage_hi
     if (hit->primitive >= mesh->primitive_count)
         return false;
     *ret_spot = (struct spot){.look = &mesh->look,
-                              .transform = instance ? instance->transform : NULL,
+                              .transform = instance ? hit->object_to_world : NULL,
                               .weights = {1 - hit->u - hit->v, hit->u, hit->v}};
     uint32_t corners = import_shape_kinds[mesh->shape].corners;
     for (uint32_t i = 0; i < 3; i++)

@@ -331,7 +331,8 @@ static enum bvhd_status prepare(struct rendering *rendering, struct memory *memo
 static enum bvhd_status develop(struct rendering *rendering, struct memory *memory, struct bvhd_error *error)
 {
     const struct picture_options *options = rendering->options;
-    if (!smooth_light(rendering->pixels, options->width, options->height, options->parallel, memory))
+    const uint32_t samples = rendering->samples.all + rendering->samples.edges;
+    if (!smooth_light(rendering->pixels, options->width, options->height, samples, options->parallel, memory))
         return no_memory(options, error);
     rendering->exposure = choose_exposure(rendering);
     parallel_for(options->parallel, options->height, develop_row, rendering);

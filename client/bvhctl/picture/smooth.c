@@ -4,7 +4,7 @@
 #include <math.h>
 #include <string.h>
 
-enum { PASSES = 4, SHADOW_PASSES = 2, REACH = 2 };
+enum { PASSES = 4, REACH = 2 };
 
 struct rgb {
     float at[3];
@@ -149,28 +149,34 @@ static void smooth_lit_row(void *context, size_t row)
     }
 }
 
-static bool smooth_shadows(struct pixel *pixels, uint32_t width, uint32_t height, const struct parallel *parallel,
-                           struct memory *memory)
+static bool smooth_shadows(struct pixel *pixels, uint32_t width, uint32_t height, uint32_t passes,
+                           const struct parallel *parallel, struct memory *memory)
 {
     uint64_t count = (uint64_t)width * height;
     float *buffers[2] = {memory_array(memory, count, sizeof **buffers), memory_array(memory, count, sizeof **buffers)};
     bool ok = buffers[0] && buffers[1];
     for (uint64_t i = 0; i < count && ok; i++)
         buffers[0][i] = pixels[i].lit;
-    for (uint32_t i = 0; i < SHADOW_PASSES && ok; i++) {
+    for (uint32_t i = 0; i < passes && ok; i++) {
         struct shadow_pass pass = {pixels, buffers[i % 2], buffers[1 - i % 2], width, height, 1u << i};
         parallel_for(parallel, height, smooth_lit_row, &pass);
     }
     for (uint64_t i = 0; i < count && ok; i++)
-        pixels[i].lit = buffers[SHADOW_PASSES % 2][i];
+        pixels[i].lit = buffers[passes % 2][i];
     memory_free(memory, buffers[0]);
     memory_free(memory, buffers[1]);
     return ok;
 }
 
-bool smooth_light(struct pixel *pixels, uint32_t width, uint32_t height, const struct parallel *parallel,
-                  struct memory *memory)
+/* Returns how often shadows are smoothed: of many samples there is less noise, and the smooth edges of what moves. */
+static uint32_t shadow_passes(uint32_t samples)
+{
+    return samples < 16 ? 2 : samples < 64 ? 1 : 0;
+}
+
+bool smooth_light(struct pixel *pixels, uint32_t width, uint32_t height, uint32_t samples,
+                  const struct parallel *parallel, struct memory *memory)
 {
     return smooth_ambient(pixels, width, height, parallel, memory) &&
-           smooth_shadows(pixels, width, height, parallel, memory);
+           smooth_shadows(pixels, width, height, shadow_passes(samples), parallel, memory);
 }

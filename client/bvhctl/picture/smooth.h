@@ -23,10 +23,10 @@ struct pixel {
 };
 
 /*
- * Smooths `ambient` of all pixels, and `lit` of those in the soft edge of a shadow. Returns false when there is no
- * memory.
+ * Smooths `ambient` of all pixels, and `lit` of those in the soft edge of a shadow, which are means of that many
+ * `samples`: of many less, and of 64 not at all. Returns false when there is no memory.
  */
-bool smooth_light(struct pixel *pixels, uint32_t width, uint32_t height, const struct parallel *parallel,
-                  struct memory *memory);
+bool smooth_light(struct pixel *pixels, uint32_t width, uint32_t height, uint32_t samples,
+                  const struct parallel *parallel, struct memory *memory);
 
 #endif

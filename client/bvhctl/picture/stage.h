@@ -78,6 +78,7 @@ struct stage_hit {
     uint32_t primitive;
     double u, v; /* of the hit; of a triangle, position = (1-u-v) corners[0] + u corners[1] + v corners[2] */
     struct vector corners[3]; /* of the triangle, or of one in the tangent plane of a round primitive, in world space */
+    float object_to_world[12]; /* of the instance at the time of the ray, row-major 3x4; unset without a top level */
     bool is_box; /* it is an AABB */
 };
 

@@ -200,16 +200,15 @@ bool surfaces_find(const struct surfaces *surfaces, const struct ray *ray, const
                    struct surface *ret_surface)
 {
     struct structure_instance instance = {0};
-    float matrix[12];
     uint32_t row;
     if (hit->flags & TRACER_AABB || !find_instance(surfaces, hit, &instance) ||
         !find_row(surfaces, instance.bottom, hit, &row))
         return false;
     *ret_surface = (struct surface){.bottom = instance.bottom};
     const struct structure *bottom = &surfaces->structures->files[instance.bottom].structure;
-    const float *transform = structures_top(surfaces->structures) ? matrix : NULL;
+    const float *transform = structures_top(surfaces->structures) ? ret_surface->object_to_world : NULL;
     if (transform)
-        structure_instance_matrix(&instance, ray->time, matrix);
+        structure_instance_matrix(&instance, ray->time, ret_surface->object_to_world);
     if (structure_round_count(bottom)) {
         struct structure_round round = structure_round(bottom, row);
         find_tangent(&round, transform, position_of(ray, hit), fmin(fmax((double)hit->u, 0), 1), ret_surface->corners);
@@ -263,5 +262,6 @@ bool surfaces_meet(const struct surfaces *surfaces, const struct ray *ray, const
                                   .v = fmin(fmax((double)hit->v, 0), 1),
                                   .corners = {surface.corners[0], surface.corners[1], surface.corners[2]},
                                   .is_box = !is_found};
+    memcpy(ret_hit->object_to_world, surface.object_to_world, sizeof ret_hit->object_to_world);
     return true;
 }

@@ -32,7 +32,8 @@ void surfaces_finish(struct surfaces *surfaces);
 struct surface {
     uint32_t bottom; /* row of its bottom level */
     struct vector corners[3]; /* in world space; of a round primitive, the first one is where it was hit */
-    struct vector shift; /* the translation of the instance's transform then; 0 without a top level */
+    float object_to_world[12]; /* the instance's transform then, row-major 3x4; unset without a top level */
+    struct vector shift; /* its translation; 0 without a top level */
 };
 
 /* Finds the surface that a ray hit. Returns false if there is no such primitive. Not for hits of AABBs. Any thread. */

@@ -55,8 +55,8 @@ static void turn_sails(struct gltf *gltf, int node)
 /* Makes a folded dart, which flies towards +z. */
 static void add_plane(struct mesh *paper)
 {
-    const double nose[3] = {0, 0, 0.9}, left[3] = {-0.5, 0.08, -0.6}, right[3] = {0.5, 0.08, -0.6},
-                 left_fold[3] = {-0.04, 0, -0.6}, right_fold[3] = {0.04, 0, -0.6}, keel[3] = {0, -0.22, -0.6};
+    const double nose[3] = {0, 0, 1.4}, left[3] = {-0.8, 0.12, -1}, right[3] = {0.8, 0.12, -1},
+                 left_fold[3] = {-0.06, 0, -1}, right_fold[3] = {0.06, 0, -1}, keel[3] = {0, -0.35, -1};
     mesh_add_loose_triangle(paper, nose, left_fold, left);
     mesh_add_loose_triangle(paper, nose, right, right_fold);
     mesh_add_loose_triangle(paper, nose, keel, left_fold);
@@ -81,8 +81,8 @@ static void fly(struct gltf *gltf, int node, double radius, double height, doubl
 
 void mill_make(struct gltf *gltf)
 {
-    static const double heights[PLANES] = {4.4, 3.0, 6.0}, radii[PLANES] = {4.4, 5.2, 3.6};
-    static const double colours[PLANES][3] = {{0.9, 0.85, 0.75}, {0.3, 0.5, 0.75}, {0.9, 0.7, 0.25}};
+    static const double heights[PLANES] = {3, 4.6, 6.2}, radii[PLANES] = {5, 4.6, 4.2};
+    static const double colours[PLANES][3] = {{0.15, 0.35, 0.7}, {0.9, 0.65, 0.15}, {0.85, 0.85, 0.8}};
     add_mill(gltf);
     const int sails = gltf->node_count;
     add_sails(gltf);
@@ -91,6 +91,6 @@ void mill_make(struct gltf *gltf)
     for (int i = 0; i < PLANES; i++) {
         const int node = gltf->node_count;
         add_plane(shapes_part(gltf, "plane", colours[i][0], colours[i][1], colours[i][2]));
-        fly(gltf, node, radii[i], heights[i], 2 * pi * i / PLANES);
+        fly(gltf, node, radii[i], heights[i], 2 * pi * i / PLANES + 2.6);
     }
 }

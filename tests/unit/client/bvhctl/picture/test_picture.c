@@ -7,6 +7,7 @@
 #include <png.h>
 #include <unistd.h>
 
+#include "client/bvhctl/oracle/rays.h"
 #include "client/bvhctl/picture/picture.h"
 #include "client/bvhctl/picture/smooth.h"
 #include "tests/support/client/bvhctl/test_world.h"
@@ -405,9 +406,35 @@ static void test_smooth(void **state)
         if (!left)
             pixels[i].position[1] = 0;
     }
-    assert_true(smooth_light(pixels, SIDE, SIDE, &parallel_serial, &memory));
+    assert_true(smooth_light(pixels, SIDE, SIDE, 13, &parallel_serial, &memory));
     for (int i = 0; i < SIDE * SIDE; i++)
         assert_true(fabsf(pixels[i].ambient[0] - (i % SIDE < SIDE / 2 ? 1.0f : 5.0f)) < 0.2f);
+    assert_int_equal(memory.live, 0);
+}
+
+/* The noise of a shadow's soft edge is smoothed if it is the mean of few samples, and left as it is if of many. */
+static void test_smooth_shadow(void **state)
+{
+    (void)state;
+    enum { SIDE = 32 };
+    static const uint32_t samples[] = {13, 32, 64};
+    double noise[3] = {0};
+    struct memory memory;
+    memory_init(&memory, UINT64_MAX);
+    for (int k = 0; k < 3; k++) {
+        static struct pixel pixels[SIDE * SIDE];
+        uint64_t random = 1;
+        for (int i = 0; i < SIDE * SIDE; i++)
+            pixels[i] = (struct pixel){.normal = {0, 1, 0},
+                                       .position = {(float)(i % SIDE) / SIDE, 0, 1},
+                                       .depth = 1,
+                                       .lit = (float)(0.3 + 0.4 * rays_uniform(&random))};
+        assert_true(smooth_light(pixels, SIDE, SIDE, samples[k], &parallel_serial, &memory));
+        for (int i = 0; i < SIDE * SIDE; i++)
+            noise[k] += pow((double)pixels[i].lit - 0.5, 2) / (SIDE * SIDE);
+    }
+    assert_true(noise[0] < 0.5 * noise[1] && noise[1] < 0.2 * noise[2]);
+    assert_true(fabs(noise[2] - 0.4 * 0.4 / 12) < 0.002);
     assert_int_equal(memory.live, 0);
 }
 
@@ -434,6 +461,7 @@ int main(void)
         cmocka_unit_test(test_same_for_any_threads),
         cmocka_unit_test(test_no_memory),
         cmocka_unit_test(test_smooth),
+        cmocka_unit_test(test_smooth_shadow),
         cmocka_unit_test(test_display),
         cmocka_unit_test(test_few_triangles),
         cmocka_unit_test(test_same_for_any_batch),

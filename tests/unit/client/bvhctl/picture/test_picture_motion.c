@@ -65,6 +65,19 @@ static bool sees_cube(int x, int y, float time)
     return stage_look(&studio.stage, studio.camera.origin, direction, time, &hit) && hit.instance == CUBE;
 }
 
+/* The matrix of a hit is that of its instance at the time of the ray. */
+static void check_matrix(const struct stage_hit *met, float time)
+{
+    const struct structure *top = structures_top(&studio.world.structures);
+    for (uint32_t row = 0; row < structure_instance_count(top); row++) {
+        const struct structure_instance instance = structure_instance(top, row);
+        float matrix[12];
+        structure_instance_matrix(&instance, time, matrix);
+        if (instance.instance == met->instance)
+            assert_memory_equal(met->object_to_world, matrix, sizeof matrix);
+    }
+}
+
 /* The surface of a hit is where the ray was, and faces as the cube and the sheet do at that time. */
 static void surfaces_are_found_at_the_time_of_the_ray(void **state)
 {
@@ -93,6 +106,7 @@ static void surfaces_are_found_at_the_time_of_the_ray(void **state)
         assert_true(stage_look(&studio.stage, vector_from_floats(ray.origin), vector_from_floats(ray.direction), time,
                                &looked));
         assert_true(vector_length(vector_sub(met.normal, looked.normal)) < 1e-9);
+        check_matrix(&met, time);
         if (hit.instance == CUBE)
             assert_true(fabs(fabs(vector_component(met.position, 0) - (10 * (double)time - 5)) - 1) < 1e-5 ||
                         fabs(fabs(met.position.y - 4) - 1) < 1e-5 || fabs(fabs(met.position.z + 4) - 1) < 1e-5);
