@@ -126,12 +126,42 @@ static void write_names(struct json *json, const struct inspected *inspected)
     json_integer(json, "bytes", inspected->structure->blob.size);
 }
 
+/* The instances of a top level that moves, by how they move. */
+struct motions {
+    uint32_t counts[MOTION_TYPES]; /* by MOTION_ */
+};
+
+static bool has_motions(const struct structure *structure)
+{
+    return structure->moves && structure->content == CONTENT_INSTANCES;
+}
+
+static struct motions count_motions(const struct structure *structure)
+{
+    struct motions motions = {{0}};
+    for (uint32_t row = 0; row < structure_instance_count(structure); row++)
+        motions.counts[structure_instance(structure, row).motion]++;
+    return motions;
+}
+
+static void write_motions(struct json *json, const struct structure *structure)
+{
+    if (!has_motions(structure))
+        return;
+    struct motions motions = count_motions(structure);
+    json_object(json, "motion");
+    json_integer(json, "srt_instances", motions.counts[MOTION_SRT]);
+    json_integer(json, "matrix_instances", motions.counts[MOTION_MATRIX]);
+    json_object_end(json);
+}
+
 static void write_file(struct json *json, const struct inspected *inspected)
 {
     const struct structure *structure = inspected->structure;
     json_object(json, NULL);
     write_names(json, inspected);
     write_header(json, inspected);
+    write_motions(json, structure);
     write_survey(json, &inspected->survey);
     json_array(json, "geometries");
     for (uint32_t i = 0; i < structure->geometry_count; i++) {
@@ -174,6 +204,15 @@ static void print_geometries(const struct structure *structure)
     }
     if (count > GEOMETRY_LINES)
         printf("  and %u more geometries\n", count - GEOMETRY_LINES);
+}
+
+static void print_motions(const struct structure *structure)
+{
+    if (!has_motions(structure))
+        return;
+    struct motions motions = count_motions(structure);
+    printf("  motion: %u instances stand still, %u move by SRT and %u by matrices\n", motions.counts[MOTION_STATIC],
+           motions.counts[MOTION_SRT], motions.counts[MOTION_MATRIX]);
 }
 
 /* For layouts with one leaf for each primitive: how many of them the tree refers to, and how often. */
@@ -262,6 +301,7 @@ static void print_file(const struct inspected *inspected)
     print_sections(structure, &inspected->survey);
     print_tree(structure, &inspected->survey);
     print_geometries(structure);
+    print_motions(structure);
 }
 
 static void fail(struct inspect_command *run, struct bvhd_error *error)

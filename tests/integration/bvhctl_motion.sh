@@ -52,6 +52,9 @@ for file in dance/dance.blas-worm-*.as; do
 done
 run 0 inspect dance/dance.tlas.as
 has ', 6 motion instances of 6 primitives'
+has 'motion: 3 instances stand still, 3 move by SRT and 0 by matrices'
+run 0 inspect dance/dance.tlas.as --json
+has '"motion":{"srt_instances":3,"matrix_instances":0}'
 run 0 copy dance/dance.tlas.as copied.as
 run 0 query copied.as
 has 'flags                  motion'

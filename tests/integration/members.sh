@@ -72,7 +72,7 @@ if "$bvhctl" --local build ball.ply -o other --builder embree >/dev/null 2>&1; t
 else
     sed 's/"quality"/"builder":"embree",&/' native/manifest.json >printed/manifest.4
 fi
-for path in all native ball.bvhd device unknown; do
+for path in all native ball.bvhd turning device unknown; do
     printed inspect inspect $path
 done
 printed copy copy all/ball.tlas.as copied.as
