@@ -115,7 +115,10 @@ static bool refit_node(void *context, uint32_t index, uint32_t end)
         !refit->kind->write(&refit->records, source->first_record, shape.records))
         return false;
     struct portable_node *node = written_node(refit, index);
-    (refit->moves ? fit_moving : fit_still)(refit, source, &shape, index, node);
+    if (refit->moves)
+        fit_moving(refit, source, &shape, index, node);
+    else
+        fit_still(refit, source, &shape, index, node);
     memcpy(node->meta, source->meta, sizeof node->meta);
     node->inner_mask = source->inner_mask;
     node->first_child = source->first_child;

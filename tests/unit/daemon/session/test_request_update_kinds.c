@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * test_request_update_kinds.c - tests updates of each kind of structure through a session, from sources in memory and on
- * disk: the bytes are those of an update without a service.
+ * test_request_update_kinds.c - tests updates of each kind of structure through a session, from sources in memory and
+ * on disk: the bytes are those of an update without a service.
  */
 #include "tests/support/unit.h"
 
