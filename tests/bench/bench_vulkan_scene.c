@@ -195,6 +195,9 @@ static enum bvhd_status take_apart(struct bench_scene *scene, const struct bench
     if (scene->given.target != TARGET_PORTABLE)
         return bvhd_error_set(error, BVHD_UNSUPPORTED, options->directory,
                               "a directory of the portable target is needed");
+    for (uint32_t i = 0; i < scene->given.file_count; i++)
+        if (scene->given.files[i].structure.moves)
+            return bvhd_error_set(error, BVHD_UNSUPPORTED, options->directory, "what moves is not measured here");
     scene->bottoms = memory_array(scene->memory, (uint64_t)count + 1, sizeof *scene->bottoms);
     scene->meshes = memory_array(scene->memory, (uint64_t)count + 1, sizeof *scene->meshes);
     if (!scene->bottoms || !scene->meshes)

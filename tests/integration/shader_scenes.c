@@ -123,8 +123,13 @@ static void trace_directory(struct run *run, const char *name)
     const struct portable_view **bottoms = memory_array(&run->local.memory, structures.file_count, sizeof *bottoms);
     if (!bottoms)
         exit(1);
-    for (uint32_t i = 0; i < structures.file_count; i++)
+    for (uint32_t i = 0; i < structures.file_count; i++) {
         bottoms[i] = structures.blobs[i].data ? &structures.files[i].structure.view.portable : NULL;
+        if (structures.files[i].structure.moves) {
+            fprintf(stderr, "shader_scenes: %s: it moves; shader_agreement --kinds motion tests that\n", name);
+            exit(1);
+        }
+    }
     const struct scene scene = {.top = structures.has_top ? bottoms[structures.bottom_count] : NULL,
                                 .bottoms = bottoms,
                                 .bottom_count = structures.bottom_count};
