@@ -6,17 +6,14 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "tests/support/scene/mesh.h"
+#include "tests/support/scene/glb.h"
 
-enum { JOINTS = 8, KEYS = 17, FLOAT = 5126, UINT32 = 5125, UINT8 = 5121 };
+enum { JOINTS = 8, KEYS = 17 };
 static const double pi = 3.14159265358979323846, seconds = 4, worm_height = 4;
 
-/* A GLB while it is written: the lists of its JSON, and its bytes. */
+/* A GLB while it is written. */
 struct writer {
-    FILE *bin, *views, *accessors, *channels, *samplers;
-    char *texts[5];
-    size_t sizes[5];
-    int accessor_count, sampler_count;
+    struct glb glb;
     int times; /* the accessor of the times of all keys */
 };
 
@@ -26,37 +23,15 @@ static void end(const char *why)
     exit(1);
 }
 
-static void writer_init(struct writer *writer)
+static int put(struct writer *writer, const void *data, size_t size, enum glb_component component, uint64_t count,
+               const char *type)
 {
-    FILE **const files[5] = {&writer->bin, &writer->views, &writer->accessors, &writer->channels, &writer->samplers};
-    *writer = (struct writer){0};
-    for (int i = 0; i < 5; i++) {
-        *files[i] = open_memstream(&writer->texts[i], &writer->sizes[i]);
-        if (!*files[i])
-            end("no memory");
-    }
-}
-
-/* Appends an array, as a view and an accessor. Returns the number of the accessor. */
-static int put(struct writer *writer, const void *data, size_t size, int component, uint64_t count, const char *type)
-{
-    const char *comma = writer->accessor_count ? "," : "";
-    fprintf(writer->views, "%s{\"buffer\":0,\"byteOffset\":%ld,\"byteLength\":%zu}", comma, ftell(writer->bin), size);
-    fprintf(writer->accessors, "%s{\"bufferView\":%d,\"componentType\":%d,\"count\":%llu,\"type\":\"%s\"}", comma,
-            writer->accessor_count, component, (unsigned long long)count, type);
-    if (fwrite(data, 1, size, writer->bin) != size || fflush(writer->bin) != 0)
-        end("no memory");
-    return writer->accessor_count++;
+    return glb_put(&writer->glb, data, size, component, count, type);
 }
 
 static void put_channel(struct writer *writer, int node, const char *path, const char *interpolation, int values)
 {
-    const char *comma = writer->sampler_count ? "," : "";
-    fprintf(writer->channels, "%s{\"sampler\":%d,\"target\":{\"node\":%d,\"path\":\"%s\"}}", comma,
-            writer->sampler_count, node, path);
-    fprintf(writer->samplers, "%s{\"input\":%d,\"output\":%d,\"interpolation\":\"%s\"}", comma, writer->times, values,
-            interpolation);
-    writer->sampler_count++;
+    glb_put_channel(&writer->glb, node, path, interpolation, writer->times, values);
 }
 
 static double key_time(int key)
@@ -72,17 +47,6 @@ static void add_ball(struct mesh *mesh, double radius, uint32_t level)
     mesh_add_sphere(mesh, centre, radius, level, NULL, NULL);
 }
 
-static int put_positions(struct writer *writer, const struct mesh *mesh)
-{
-    return put(writer, mesh->vertices, mesh->vertex_count * sizeof *mesh->vertices, FLOAT, mesh->vertex_count, "VEC3");
-}
-
-static int put_indices(struct writer *writer, const struct mesh *mesh)
-{
-    return put(writer, mesh->triangles, mesh->triangle_count * sizeof *mesh->triangles, UINT32,
-               UINT64_C(3) * mesh->triangle_count, "SCALAR");
-}
-
 /* Puts how far a sphere grows: in spikes, or by being pressed flat. */
 static int put_target(struct writer *writer, const struct mesh *mesh, int is_flat)
 {
@@ -95,7 +59,7 @@ static int put_target(struct writer *writer, const struct mesh *mesh, int is_fla
         for (int k = 0; k < 3; k++)
             moves[i][k] = is_flat ? (k == 1 ? -0.6f * at[1] : 0.4f * at[k]) : (float)(0.5 * wave * at[k]);
     }
-    int accessor = put(writer, moves, mesh->vertex_count * sizeof *moves, FLOAT, mesh->vertex_count, "VEC3");
+    int accessor = put(writer, moves, mesh->vertex_count * sizeof *moves, GLB_FLOAT, mesh->vertex_count, "VEC3");
     free(moves);
     return accessor;
 }
@@ -114,8 +78,8 @@ static void put_bones(struct writer *writer, const struct mesh *mesh, int *ret_j
         weights[i][1] = (float)(place - joints[i][0]);
         weights[i][0] = 1 - weights[i][1];
     }
-    *ret_joints = put(writer, joints, mesh->vertex_count * sizeof *joints, UINT8, mesh->vertex_count, "VEC4");
-    *ret_weights = put(writer, weights, mesh->vertex_count * sizeof *weights, FLOAT, mesh->vertex_count, "VEC4");
+    *ret_joints = put(writer, joints, mesh->vertex_count * sizeof *joints, GLB_UINT8, mesh->vertex_count, "VEC4");
+    *ret_weights = put(writer, weights, mesh->vertex_count * sizeof *weights, GLB_FLOAT, mesh->vertex_count, "VEC4");
     free(joints);
     free(weights);
 }
@@ -128,7 +92,7 @@ static int put_binds(struct writer *writer)
             binds[i][k] = 1;
         binds[i][13] = (float)(-worm_height * i / JOINTS);
     }
-    return put(writer, binds, sizeof binds, FLOAT, JOINTS, "MAT4");
+    return put(writer, binds, sizeof binds, GLB_FLOAT, JOINTS, "MAT4");
 }
 
 /* ---- the motion ---- */
@@ -144,7 +108,7 @@ static void put_rotation(struct writer *writer, int node, const double axis[3], 
             values[i][k] = (float)(axis[k] * sin(half));
         values[i][3] = (float)cos(half);
     }
-    put_channel(writer, node, "rotation", "LINEAR", put(writer, values, sizeof values, FLOAT, KEYS, "VEC4"));
+    put_channel(writer, node, "rotation", "LINEAR", put(writer, values, sizeof values, GLB_FLOAT, KEYS, "VEC4"));
 }
 
 static double sway(int key, double phase)
@@ -168,7 +132,7 @@ static void put_bounce(struct writer *writer, int node, double x)
         values[i][2][1] = i % 4 == 0 ? 6.4f : values[i][0][1];
     }
     put_channel(writer, node, "translation", "CUBICSPLINE",
-                put(writer, values, sizeof values, FLOAT, UINT64_C(3) * KEYS, "VEC3"));
+                put(writer, values, sizeof values, GLB_FLOAT, UINT64_C(3) * KEYS, "VEC3"));
 }
 
 static void put_weights(struct writer *writer, int node)
@@ -179,7 +143,7 @@ static void put_weights(struct writer *writer, int node)
         values[i][1] = (float)fmax(0, sin(4 * pi * i / (KEYS - 1)));
     }
     put_channel(writer, node, "weights", "LINEAR",
-                put(writer, values, sizeof values, FLOAT, UINT64_C(2) * KEYS, "SCALAR"));
+                put(writer, values, sizeof values, GLB_FLOAT, UINT64_C(2) * KEYS, "SCALAR"));
 }
 
 /* Changes its size in steps. */
@@ -189,7 +153,7 @@ static void put_scale(struct writer *writer, int node)
     for (int i = 0; i < KEYS; i++)
         for (int k = 0; k < 3; k++)
             values[i][k] = i % 3 == 0 ? 1.0f : i % 3 == 1 ? 1.3f : 0.8f;
-    put_channel(writer, node, "scale", "STEP", put(writer, values, sizeof values, FLOAT, KEYS, "VEC3"));
+    put_channel(writer, node, "scale", "STEP", put(writer, values, sizeof values, GLB_FLOAT, KEYS, "VEC3"));
 }
 
 /* ---- the scene ---- */
@@ -254,12 +218,12 @@ static void put_meshes(struct writer *writer, FILE *json, uint32_t size)
     for (int i = 0; i < 4; i++) {
         static const char *const names[4] = {"ground", "worm", "spiky", "ball"};
         fprintf(json, "%s{\"name\":\"%s\",\"primitives\":[{\"material\":%d,\"attributes\":{\"POSITION\":%d",
-                i ? "," : "", names[i], i, put_positions(writer, &meshes[i]));
+                i ? "," : "", names[i], i, glb_put_positions(&writer->glb, &meshes[i]));
         if (i == WORM) {
             put_bones(writer, &meshes[i], &joints, &weights);
             fprintf(json, ",\"JOINTS_0\":%d,\"WEIGHTS_0\":%d", joints, weights);
         }
-        fprintf(json, "},\"indices\":%d", put_indices(writer, &meshes[i]));
+        fprintf(json, "},\"indices\":%d", glb_put_indices(&writer->glb, &meshes[i]));
         if (i == SPIKY) {
             int spikes = put_target(writer, &meshes[i], 0), flat = put_target(writer, &meshes[i], 1);
             fprintf(json, ",\"targets\":[{\"POSITION\":%d},{\"POSITION\":%d}]", spikes, flat);
@@ -279,7 +243,7 @@ static void put_motion(struct writer *writer)
     float times[KEYS];
     for (int i = 0; i < KEYS; i++)
         times[i] = (float)key_time(i);
-    writer->times = put(writer, times, sizeof times, FLOAT, KEYS, "SCALAR");
+    writer->times = put(writer, times, sizeof times, GLB_FLOAT, KEYS, "SCALAR");
     for (int i = 0; i < JOINTS; i++)
         put_rotation(writer, FIRST_JOINT + i, sideways, sway, 0.8 * i);
     put_weights(writer, SPIKY);
@@ -288,64 +252,13 @@ static void put_motion(struct writer *writer)
     put_scale(writer, BALLS + 1);
 }
 
-static void put32(FILE *file, uint64_t value)
-{
-    for (int i = 0; i < 4; i++)
-        fputc((int)(value >> 8 * i & 0xff), file);
-}
-
-/* Writes a chunk of a GLB, of which `padding` fills the last four bytes. */
-static void put_chunk(FILE *file, const char kind[4], const char *data, size_t size, char padding)
-{
-    put32(file, (size + 3) & ~(size_t)3);
-    fwrite(kind, 1, 4, file);
-    fwrite(data, 1, size, file);
-    for (size_t at = size; at % 4; at++)
-        fputc(padding, file);
-}
-
-static int write_glb(const char *path, const char *json, size_t json_size, const char *bin, size_t bin_size)
-{
-    FILE *file = fopen(path, "wb");
-    if (!file)
-        return -1;
-    put32(file, 0x46546c67);
-    put32(file, 2);
-    put32(file, 28 + ((json_size + 3) & ~(size_t)3) + ((bin_size + 3) & ~(size_t)3));
-    put_chunk(file, "JSON", json, json_size, ' ');
-    put_chunk(file, "BIN", bin, bin_size, 0);
-    int failed = ferror(file);
-    return fclose(file) == 0 && !failed ? 0 : -1;
-}
-
 int dance_write(const char *path, uint32_t size)
 {
     struct writer writer;
-    char *text = NULL;
-    size_t length = 0;
-    FILE *json = open_memstream(&text, &length);
-    if (!json)
-        end("no memory");
-    writer_init(&writer);
-    fputs("{\"asset\":{\"version\":\"2.0\"},", json);
-    put_nodes(json);
-    put_materials(json);
-    put_meshes(&writer, json, size);
+    glb_init(&writer.glb);
+    put_nodes(writer.glb.json);
+    put_materials(writer.glb.json);
+    put_meshes(&writer, writer.glb.json, size);
     put_motion(&writer);
-    FILE *const files[5] = {writer.bin, writer.views, writer.accessors, writer.channels, writer.samplers};
-    for (int i = 0; i < 5; i++)
-        if (fclose(files[i]) != 0)
-            end("no memory");
-    fprintf(
-        json,
-        "\"animations\":[{\"name\":\"dance\",\"channels\":[%s],\"samplers\":[%s]}],\"buffers\":[{\"byteLength\":%zu}],"
-        "\"bufferViews\":[%s],\"accessors\":[%s]}",
-        writer.texts[3], writer.texts[4], writer.sizes[0], writer.texts[1], writer.texts[2]);
-    if (fclose(json) != 0)
-        end("no memory");
-    int result = write_glb(path, text, length, writer.texts[0], writer.sizes[0]);
-    for (int i = 0; i < 5; i++)
-        free(writer.texts[i]);
-    free(text);
-    return result;
+    return glb_write(&writer.glb, "dance", path);
 }

@@ -8,6 +8,7 @@
 
 #include "tests/support/scene/adversarial.h"
 #include "tests/support/scene/dance.h"
+#include "tests/support/scene/fair.h"
 #include "tests/support/scene/gallery.h"
 #include "tests/support/scene/hair.h"
 #include "tests/support/scene/mill.h"
@@ -39,6 +40,10 @@ static void print_usage(FILE *file)
         "\n"
         "dance: skins, morph targets and nodes that move for four seconds; FILE ends in .glb.\n"
         "\n"
+        "fair: a fan, a flag, a carousel and balls that move for four seconds; FILE ends in .glb. --size is the "
+        "number\n"
+        "  of triangles of the flag (%d by default).\n"
+        "\n"
         "mill: a windmill whose sails turn, and planes that fly, for four seconds; FILE ends in .gltf.\n"
         "\n"
         "gallery-NAME: one of the scenes of the contact sheet, as glTF, of a fixed size; --gallery prints their "
@@ -46,7 +51,7 @@ static void print_usage(FILE *file)
         "\n"
         "Each other scene is one mesh in a binary little-endian PLY. --size is the approximate number of triangles\n"
         "(%d by default). --list prints the names, one on each line. What they test:\n",
-        PARK_SIZE, HAIR_STRANDS, HAIR_POINTS, CLOUD_SIZE, ADVERSARIAL_SIZE);
+        PARK_SIZE, HAIR_STRANDS, HAIR_POINTS, CLOUD_SIZE, FAIR_SIZE, ADVERSARIAL_SIZE);
     for (uint32_t i = 0; i < count; i++)
         fprintf(file, "  %-15s %s\n", scenes[i].name, scenes[i].shows);
 }
@@ -174,6 +179,14 @@ static int make_mill(const struct options *options)
     return write_gltf(options, &gltf);
 }
 
+static int make_fair(const struct options *options)
+{
+    int result = fair_write(options->path, (uint32_t)(options->size ? options->size : FAIR_SIZE));
+    if (result == 0)
+        printf("%s\n", options->path);
+    return result;
+}
+
 static int make_adversarial(const struct adversarial *scene, const struct options *options)
 {
     struct mesh mesh = {0};
@@ -191,7 +204,7 @@ static const struct {
     const char *name;
     int (*make)(const struct options *options);
 } single_scenes[] = {
-    {"park", make_park},       {"dance", make_dance}, {"hair", make_hair},
+    {"park", make_park},       {"dance", make_dance}, {"fair", make_fair}, {"hair", make_hair},
     {"hair-tubes", make_hair}, {"cloud", make_cloud}, {"mill", make_mill},
 };
 
