@@ -134,8 +134,12 @@ static enum bvhd_status update_imported(struct update_command *command, struct f
 
 static void print_frame(const struct update_command *command, const struct frame *frame)
 {
-    if (building_prints_text(&command->run) && frame->wish.moment)
-        printf("%s: %g s\n", frame->output, frame->moment.time);
+    if (!building_prints_text(&command->run) || !frame->wish.moment)
+        return;
+    printf("%s: %g s", frame->output, frame->moment.time);
+    if (frame->moment.is_shutter)
+        printf(" to %g s", frame->moment.end);
+    printf("\n");
 }
 
 static void begin_frame(struct update_command *command, const struct frame *frame)
@@ -147,6 +151,8 @@ static void begin_frame(struct update_command *command, const struct frame *fram
         json_number(json, "time", frame->moment.time);
     else
         json_null(json, "time");
+    if (frame->wish.moment && frame->moment.is_shutter)
+        json_number(json, "end", frame->moment.end);
     json_text(json, "output", frame->output);
     json_array(json, "structures");
 }
@@ -171,6 +177,7 @@ static enum bvhd_status update_scene(struct update_command *command, struct fram
         return status;
     if (frame->number == 0)
         notes_left_out(&import);
+    notes_motion(&import);
     status = file_names_make(&import, &names, error);
     if (status == BVHD_OK) {
         begin_frame(command, frame);

@@ -90,6 +90,8 @@ printed update update moving ball.ply --socket s
 "$make_scene" dance --size 2000 -o dance.glb >/dev/null
 printed update update dance dance.glb --socket s
 cp moving/manifest.json printed/manifest.6
+"$bvhctl" build dance.glb --shutter 0:1 -o swaying --flags allow-update --socket s -q
+printed update update swaying dance.glb --frames 0:1:1 --socket s
 printed stats stats --socket s
 printed clients clients --socket s
 printed top top --socket s --count 1
