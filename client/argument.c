@@ -18,6 +18,13 @@ enum bvhd_status argument_check_all(const struct argument *arguments, struct bvh
     return BVHD_OK;
 }
 
+enum bvhd_status argument_check_time(float time, struct bvhd_error *error)
+{
+    if (time >= 0 && time <= 1)
+        return BVHD_OK;
+    return bvhd_error_set(error, BVHD_INVALID, "time", "%g is not in 0 .. 1", (double)time);
+}
+
 enum bvhd_status argument_check_size(const void *sized, size_t least, size_t known, const char *name, const char *type,
                                      struct bvhd_error *error)
 {

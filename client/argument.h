@@ -21,6 +21,9 @@ struct argument {
 /* Checks arguments[...], which end with a name that is NULL. */
 enum bvhd_status argument_check_all(const struct argument *arguments, struct bvhd_error *error);
 
+/* Checks a time of rays, which is within 0 .. 1: BVHD_INVALID at the place "time". */
+enum bvhd_status argument_check_time(float time, struct bvhd_error *error);
+
 /*
  * Checks a struct that begins with its struct_size: `known` bytes in this version of the library, at least `least` in
  * earlier ones. In a larger struct, of a later version, the fields that this version does not know must be 0, so that

@@ -5,13 +5,15 @@
 #include <math.h>
 #include <string.h>
 
+#include "builder/format/motion_number.h"
+
 /* A primitive that no record stores. */
 #define NO_RECORD UINT32_MAX
 
 struct positions {
     atomic_uint users;
     struct memory *memory;
-    enum { HOLDS_OTHERS, HOLDS_INDEXED, HOLDS_TRIANGLES, HOLDS_LEAVES } kind;
+    enum { HOLDS_OTHERS, HOLDS_INDEXED, HOLDS_TRIANGLES, HOLDS_MOVING, HOLDS_LEAVES } kind;
     uint64_t records_at, vertices_at, geometries_at; /* offsets in the blob; records are the leaves of a native one */
     uint32_t geometry_count, leaf_count;
     uint32_t record_count; /* portable */
@@ -31,9 +33,9 @@ static struct positions *make(struct memory *memory, uint32_t rows, struct bvhd_
 
 static uint32_t id_of(enum portable_content content, const unsigned char *records, uint32_t row)
 {
-    return PORTABLE_ID_MASK & (content == PORTABLE_INDEXED_TRIANGLES
-                                   ? ((const struct portable_indexed_triangle *)(const void *)records)[row].id
-                                   : ((const struct portable_triangle *)(const void *)records)[row].id);
+    return PORTABLE_ID_MASK &
+           (content == PORTABLE_TRIANGLES ? ((const struct portable_triangle *)(const void *)records)[row].id
+                                          : ((const struct portable_indexed_triangle *)(const void *)records)[row].id);
 }
 
 /*
@@ -53,16 +55,25 @@ static void number_records(const struct portable_view *view, uint32_t *records)
         records[id_of((enum portable_content)view->header->content, view->records, i)] = i;
 }
 
+static int kind_of(uint32_t content)
+{
+    return content == PORTABLE_INDEXED_TRIANGLES  ? HOLDS_INDEXED
+           : content == PORTABLE_TRIANGLES        ? HOLDS_TRIANGLES
+           : content == PORTABLE_MOVING_TRIANGLES ? HOLDS_MOVING
+                                                  : HOLDS_OTHERS;
+}
+
 enum bvhd_status positions_of_portable(struct bytes blob, const struct portable_view *view, struct memory *memory,
                                        struct positions **ret_positions, struct bvhd_error *error)
 {
     const struct portable_header *header = view->header;
-    const bool has_triangles = header->content <= PORTABLE_TRIANGLES, has_table = has_triangles && !is_sparse(header);
+    const bool has_triangles = kind_of(header->content) != HOLDS_OTHERS;
+    const bool has_table = has_triangles && !is_sparse(header);
     struct positions *made = make(memory, has_table ? header->primitive_count : 0, error);
     if (!made)
         return BVHD_NO_MEMORY;
     if (has_triangles) {
-        made->kind = header->content == PORTABLE_INDEXED_TRIANGLES ? HOLDS_INDEXED : HOLDS_TRIANGLES;
+        made->kind = kind_of(header->content);
         made->records_at = (uint64_t)((const unsigned char *)view->records - blob.data);
         made->vertices_at = (uint64_t)((const unsigned char *)view->vertices - blob.data);
         made->geometries_at = (uint64_t)((const unsigned char *)view->geometries - blob.data);
@@ -156,6 +167,20 @@ static void read_indexed(const struct positions *positions, const unsigned char 
                sizeof(float[3]));
 }
 
+static void read_moving(const struct positions *positions, const unsigned char *blob, uint32_t row, float time,
+                        float ret_corners[3][3])
+{
+    const struct motion_weights at = motion_weights_at(time);
+    struct portable_indexed_triangle triangle;
+    struct portable_moving_vertex vertex;
+    memcpy(&triangle, blob + positions->records_at + row * sizeof triangle, sizeof triangle);
+    for (int k = 0; k < 3; k++) {
+        memcpy(&vertex, blob + positions->vertices_at + triangle.vertices[k] * sizeof vertex, sizeof vertex);
+        for (int axis = 0; axis < 3; axis++)
+            ret_corners[k][axis] = motion_number(vertex.start[axis], vertex.end[axis], at);
+    }
+}
+
 static void read_triangle(const struct positions *positions, const unsigned char *blob, uint32_t row,
                           float ret_corners[3][3])
 {
@@ -169,7 +194,7 @@ static void read_triangle(const struct positions *positions, const unsigned char
 static uint32_t find_record(const struct positions *positions, const unsigned char *blob, uint32_t id)
 {
     const enum portable_content content =
-        positions->kind == HOLDS_INDEXED ? PORTABLE_INDEXED_TRIANGLES : PORTABLE_TRIANGLES;
+        positions->kind == HOLDS_TRIANGLES ? PORTABLE_TRIANGLES : PORTABLE_INDEXED_TRIANGLES;
     if (!positions->is_sparse)
         return positions->records[id];
     for (uint32_t i = 0; i < positions->record_count; i++)
@@ -179,7 +204,8 @@ static uint32_t find_record(const struct positions *positions, const unsigned ch
 }
 
 static enum bvhd_status get_portable(const struct positions *positions, const unsigned char *blob, uint32_t geometry,
-                                     uint32_t primitive, float ret_corners[3][3], struct bvhd_error *error)
+                                     uint32_t primitive, const float *time, float ret_corners[3][3],
+                                     struct bvhd_error *error)
 {
     struct portable_geometry row;
     if (geometry >= positions->geometry_count)
@@ -192,6 +218,8 @@ static enum bvhd_status get_portable(const struct positions *positions, const un
         return refuse_absent(error);
     if (positions->kind == HOLDS_INDEXED)
         read_indexed(positions, blob, record, ret_corners);
+    else if (positions->kind == HOLDS_MOVING)
+        read_moving(positions, blob, record, *time, ret_corners);
     else
         read_triangle(positions, blob, record, ret_corners);
     return BVHD_OK;
@@ -248,11 +276,14 @@ static enum bvhd_status get_leaf(const struct positions *positions, const unsign
 }
 
 enum bvhd_status positions_get(const struct positions *positions, const unsigned char *blob, uint32_t geometry,
-                               uint32_t primitive, float ret_corners[3][3], struct bvhd_error *error)
+                               uint32_t primitive, const float *time, float ret_corners[3][3], struct bvhd_error *error)
 {
     if (positions->kind == HOLDS_OTHERS)
         return bvhd_error_set(error, BVHD_INVALID, "geometry", "the structure holds no triangles");
+    if (positions->kind == HOLDS_MOVING && !time)
+        return bvhd_error_set(error, BVHD_INVALID, "geometry",
+                              "the triangles of the structure move: their positions are those of a time");
     if (positions->kind == HOLDS_LEAVES)
         return get_leaf(positions, blob, geometry, primitive, ret_corners, error);
-    return get_portable(positions, blob, geometry, primitive, ret_corners, error);
+    return get_portable(positions, blob, geometry, primitive, time, ret_corners, error);
 }

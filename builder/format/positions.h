@@ -30,12 +30,14 @@ struct positions *positions_ref(struct positions *positions);
 void positions_unref(struct positions *positions);
 
 /*
- * Gives the corners of a triangle, exactly as they are stored. `blob` has the bytes that were prepared, or a copy which
- * differs in its flags alone. Returns BVHD_INVALID at the place "geometry" for a structure of other primitives, and for
- * a geometry that is not there; at "primitive" for one beyond the geometry's, and for a triangle that the structure
- * does not hold.
+ * Gives the corners of a triangle, exactly as they are stored; of motion triangles those at *time, which is within 0 ..
+ * 1 (motion_number.h). `time` may be NULL. `blob` has the bytes that were prepared, or a copy which differs in its
+ * flags alone. Returns BVHD_INVALID at the place "geometry" for a structure of other primitives, or of motion triangles
+ * without a time, and for a geometry that is not there; at "primitive" for one beyond the geometry's, and for a
+ * triangle that the structure does not hold.
  */
 enum bvhd_status positions_get(const struct positions *positions, const unsigned char *blob, uint32_t geometry,
-                               uint32_t primitive, float ret_corners[3][3], struct bvhd_error *error);
+                               uint32_t primitive, const float *time, float ret_corners[3][3],
+                               struct bvhd_error *error);
 
 #endif

@@ -1,30 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/*
- * motion.h - what moves, at the time of a ray: numbers, vertices, and the matrices of instances.
- *
- * A number at time t is start * (1 - t) + end * t in float, each operation rounded once. It is the same for everybody
- * who computes it, so that triangles that share a vertex agree about its place. Rounding is monotone: of two numbers
- * that are in order at both keys, those at any time are in the same order or equal.
- */
+/* motion.h - what moves, at the time of a ray: vertices, and the matrices of instances. */
 #ifndef BVHD_MOTION_H
 #define BVHD_MOTION_H
 
+#include "builder/format/motion_number.h"
 #include "builder/format/portable.h"
-
-/* By how much the numbers at t = 0 and at t = 1 count. */
-struct motion_weights {
-    float start, end;
-};
-
-static inline struct motion_weights motion_weights_at(float time)
-{
-    return (struct motion_weights){1 - time, time};
-}
-
-static inline float motion_number(float start, float end, struct motion_weights at)
-{
-    return start * at.start + end * at.end;
-}
 
 /* Gives the corners of a record of motion triangles at a time, and returns its id. */
 static inline uint32_t motion_corners(const struct portable_view *view, uint32_t record, struct motion_weights at,

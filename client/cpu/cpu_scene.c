@@ -278,13 +278,6 @@ static enum bvhd_status check_hit(const struct bvhd_cpu_scene *scene, const stru
     return BVHD_OK;
 }
 
-static enum bvhd_status check_time(float time, struct bvhd_error *error)
-{
-    if (time >= 0 && time <= 1)
-        return BVHD_OK;
-    return bvhd_error_set(error, BVHD_INVALID, "time", "%g is not in 0 .. 1", (double)time);
-}
-
 /* `time` is NULL if the caller has not said one. */
 static enum bvhd_status get_corners(const struct bvhd_cpu_scene *scene, const struct bvhd_cpu_hit *hit,
                                     const float *time, float ret_corners[3][3], struct bvhd_error *error)
@@ -293,7 +286,7 @@ static enum bvhd_status get_corners(const struct bvhd_cpu_scene *scene, const st
     if (status == BVHD_OK)
         status = check_hit(scene, hit, error);
     if (status == BVHD_OK && time)
-        status = check_time(*time, error);
+        status = argument_check_time(*time, error);
     if (status != BVHD_OK)
         return status;
     const struct ray_hit inner = {.handle = hit->blob, .record = hit->record};
@@ -329,10 +322,14 @@ enum bvhd_status bvhd_cpu_scene_ends(const struct bvhd_cpu_scene *scene, const s
     return BVHD_OK;
 }
 
-enum bvhd_status bvhd_cpu_scene_positions(const struct bvhd_cpu_scene *scene, uint32_t blob, uint32_t geometry,
-                                          uint32_t primitive, float ret_positions[3][3], struct bvhd_error *ret_error)
+/* `time` is NULL if the caller has not said one. */
+static enum bvhd_status get_positions(const struct bvhd_cpu_scene *scene, uint32_t blob, uint32_t geometry,
+                                      uint32_t primitive, const float *time, float ret_positions[3][3],
+                                      struct bvhd_error *ret_error)
 {
     enum bvhd_status status = ARGUMENTS_CHECK(ret_error, {scene, "scene"}, {ret_positions, "ret_positions"});
+    if (status == BVHD_OK && time)
+        status = argument_check_time(*time, ret_error);
     if (status != BVHD_OK)
         return status;
     const struct cpu_structure *structure = blob < scene->bottom_count ? &scene->structures[blob] : NULL;
@@ -340,7 +337,21 @@ enum bvhd_status bvhd_cpu_scene_positions(const struct bvhd_cpu_scene *scene, ui
         return bvhd_error_set(ret_error, BVHD_INVALID, "blob", "%" PRIu32 " is no bottom level of this scene", blob);
     if (!structure->positions)
         return bvhd_error_set(ret_error, BVHD_INVALID, "blob", "it was built without ALLOW_DATA_ACCESS");
-    return positions_get(structure->positions, structure->blob.data, geometry, primitive, ret_positions, ret_error);
+    return positions_get(structure->positions, structure->blob.data, geometry, primitive, time, ret_positions,
+                         ret_error);
+}
+
+enum bvhd_status bvhd_cpu_scene_positions(const struct bvhd_cpu_scene *scene, uint32_t blob, uint32_t geometry,
+                                          uint32_t primitive, float ret_positions[3][3], struct bvhd_error *ret_error)
+{
+    return get_positions(scene, blob, geometry, primitive, NULL, ret_positions, ret_error);
+}
+
+enum bvhd_status bvhd_cpu_scene_positions_at(const struct bvhd_cpu_scene *scene, uint32_t blob, uint32_t geometry,
+                                             uint32_t primitive, float time, float ret_positions[3][3],
+                                             struct bvhd_error *ret_error)
+{
+    return get_positions(scene, blob, geometry, primitive, &time, ret_positions, ret_error);
 }
 
 static enum bvhd_status get_matrix(const struct bvhd_cpu_scene *scene, const struct bvhd_cpu_hit *hit,
@@ -351,7 +362,7 @@ static enum bvhd_status get_matrix(const struct bvhd_cpu_scene *scene, const str
     if (status == BVHD_OK)
         status = check_hit(scene, hit, error);
     if (status == BVHD_OK && time)
-        status = check_time(*time, error);
+        status = argument_check_time(*time, error);
     if (status != BVHD_OK)
         return status;
     const struct cpu_structure *top = cpu_scene_top(scene);

@@ -11,15 +11,31 @@ static enum bvhd_status check(const struct bvhd_structure *structure, struct bvh
     return BVHD_OK;
 }
 
-enum bvhd_status bvhd_structure_positions(const struct bvhd_structure *structure, uint32_t geometry, uint32_t primitive,
-                                          float ret_positions[3][3], struct bvhd_error *ret_error)
+/* `time` is NULL if the caller has not said one. */
+static enum bvhd_status get(const struct bvhd_structure *structure, uint32_t geometry, uint32_t primitive,
+                            const float *time, float ret_positions[3][3], struct bvhd_error *ret_error)
 {
     enum bvhd_status status = ARGUMENTS_CHECK(ret_error, {structure, "structure"}, {ret_positions, "ret_positions"});
+    if (status == BVHD_OK && time)
+        status = argument_check_time(*time, ret_error);
     if (status == BVHD_OK)
         status = check(structure, ret_error);
     if (status != BVHD_OK)
         return status;
     const struct structure_contents *contents = &structure->contents;
-    return positions_get(contents->positions, bvhd_blob_data(contents->blob), geometry, primitive, ret_positions,
+    return positions_get(contents->positions, bvhd_blob_data(contents->blob), geometry, primitive, time, ret_positions,
                          ret_error);
+}
+
+enum bvhd_status bvhd_structure_positions(const struct bvhd_structure *structure, uint32_t geometry, uint32_t primitive,
+                                          float ret_positions[3][3], struct bvhd_error *ret_error)
+{
+    return get(structure, geometry, primitive, NULL, ret_positions, ret_error);
+}
+
+enum bvhd_status bvhd_structure_positions_at(const struct bvhd_structure *structure, uint32_t geometry,
+                                             uint32_t primitive, float time, float ret_positions[3][3],
+                                             struct bvhd_error *ret_error)
+{
+    return get(structure, geometry, primitive, &time, ret_positions, ret_error);
 }

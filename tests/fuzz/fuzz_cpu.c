@@ -59,8 +59,10 @@ static void shoot(const struct bvhd_cpu_scene *scene)
         FUZZ_CHECK(bvhd_cpu_scene_corners(scene, &hits[i], corners, NULL) != BVHD_OK || has_corners);
         bvhd_cpu_scene_positions(scene, hits[i].blob, hits[i].geometry, hits[i].primitive, corners, NULL);
     }
-    for (uint32_t i = 0; i < RAYS; i++)
+    for (uint32_t i = 0; i < RAYS; i++) {
         bvhd_cpu_scene_positions(scene, i % MOST, i / 2, i, corners, NULL);
+        bvhd_cpu_scene_positions_at(scene, i % MOST, i / 2, i, 0.5f, corners, NULL);
+    }
 }
 
 static void open_set(const struct bvhd_cpu_blob *blobs, uint32_t count, bool has_handles)

@@ -87,6 +87,8 @@ static void check_positions(const struct bvhd_structure *structure, uint32_t fla
     for (uint32_t i = 0; i < 64; i++) {
         const enum bvhd_status status = bvhd_structure_positions(structure, i / 16, i % 16, positions, NULL);
         FUZZ_CHECK(status == BVHD_INVALID || (status == BVHD_OK && flags & BUILD_ALLOW_DATA_ACCESS));
+        const enum bvhd_status at = bvhd_structure_positions_at(structure, i / 16, i % 16, 0.5f, positions, NULL);
+        FUZZ_CHECK(at == BVHD_OK || (at == BVHD_INVALID && status == BVHD_INVALID));
     }
 }
 

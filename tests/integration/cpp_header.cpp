@@ -169,6 +169,7 @@ void test_cpu(const bvhd::Blob &blob)
     const bvhd_cpu_blob half = {blob.data(), blob.size() / 2};
     auto corners = scene.positions(0, 0, 0);
     expect("positions", corners.has_value() && (*corners)[1][0] > 0.99f && (*corners)[2][1] > 0.99f);
+    expect("positions at a time", scene.positions_at(0, 0, 0, 0.5f).value() == *corners);
     expect("no second triangle", scene.positions(0, 0, 1).error().status == BVHD_INVALID);
     expect("half a structure", bvhd::CpuScene::create({&half, 1}).error().status == BVHD_CORRUPT);
 }
@@ -200,6 +201,7 @@ void test_structure(const bvhd::Client &client)
     expect("it holds the result",
            structure.hold(scene.info, ranges.span()[0], *result.operator->()) && structure.state().is_built);
     expect("its positions", structure.positions(0, 0).value()[1][0] > 0.99f);
+    expect("its positions at a time", structure.positions_at(0, 0, 1).value()[1][0] > 0.99f);
     expect("over the maximum", bvhd::IndirectRanges::read(indirect).error().status == BVHD_INVALID);
 }
 

@@ -207,6 +207,19 @@ class MotionTest(unittest.TestCase):
                     blobs.append([bytes(one) for one in last])
         self.assertEqual(blobs[:3], blobs[3:])
 
+    def test_positions(self):
+        end = CORNERS + np.array([0, 2, 4], np.float32)
+        flags = bvhd.BuildFlags.ALLOW_DATA_ACCESS
+        moving = bvhd.Triangles(CORNERS, FACES, end_vertices=end)
+        scene = bvhd.cpu.Scene([self.client.build(bvhd.BottomLevel([moving], flags))])
+        for time in (0, 0.5, 1):
+            np.testing.assert_array_equal(
+                scene.positions([0], time=time)[0],
+                (CORNERS + np.array([0, 2, 4]) * time)[FACES[0]],
+            )
+        with self.assertRaisesRegex(bvhd.Error, "move"):
+            scene.positions([0])
+
     def test_what_the_library_refuses(self):
         bottom = bvhd.BottomLevel([bvhd.Triangles(CORNERS, FACES, end_vertices=CORNERS)])
         object.__setattr__(bottom, "flags", bvhd.BuildFlags.NONE)

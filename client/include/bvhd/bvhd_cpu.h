@@ -281,16 +281,19 @@ BVHD_API enum bvhd_status bvhd_cpu_scene_ends(const struct bvhd_cpu_scene *scene
                                               float ret_ends[2][4], struct bvhd_error *ret_error);
 
 /*
- * Gives the corners of a triangle without a hit: by its bottom level, the number of its geometry, and its number there.
+ * Give the corners of a triangle without a hit: by its bottom level, the number of its geometry, and its number there.
  * A portable structure must have been built with ALLOW_DATA_ACCESS, for which its scene holds 4 bytes more for each
- * triangle; a native one does not tell its flags, and needs none. The positions and the places "geometry" and
- * "primitive" of errors are those of bvhd_structure_positions (bvhd_structure.h), which refuses primitives of other
- * kinds, and triangles that move. Returns BVHD_INVALID at the place "blob" for one that is no bottom level of this
- * scene, or was built without the flag.
+ * triangle; a native one does not tell its flags, and needs none. The positions and the places "geometry", "primitive"
+ * and "time" of errors are those of bvhd_structure_positions and bvhd_structure_positions_at (bvhd_structure.h): what
+ * moves needs the latter. Return BVHD_INVALID at the place "blob" for one that is no bottom level of this scene, or was
+ * built without the flag.
  */
 BVHD_API enum bvhd_status bvhd_cpu_scene_positions(const struct bvhd_cpu_scene *scene, uint32_t blob, uint32_t geometry,
                                                    uint32_t primitive, float ret_positions[3][3],
                                                    struct bvhd_error *ret_error);
+BVHD_API enum bvhd_status bvhd_cpu_scene_positions_at(const struct bvhd_cpu_scene *scene, uint32_t blob,
+                                                      uint32_t geometry, uint32_t primitive, float time,
+                                                      float ret_positions[3][3], struct bvhd_error *ret_error);
 
 /*
  * Give the transform of the instance that was hit, row-major 3x4, from the space of its bottom level to the scene's;

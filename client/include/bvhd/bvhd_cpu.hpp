@@ -98,7 +98,7 @@ class CpuScene
             return traced.error();
         return hit;
     }
-    /* Returns the corners of a triangle, as bvhd_cpu_scene_positions gives them. */
+    /* Return the corners of a triangle, as bvhd_cpu_scene_positions and bvhd_cpu_scene_positions_at give them. */
     Expected<std::array<std::array<float, 3>, 3>> positions(std::uint32_t blob, std::uint32_t geometry,
                                                             std::uint32_t primitive) const
     {
@@ -106,11 +106,16 @@ class CpuScene
         Error error;
         if (bvhd_cpu_scene_positions(scene_.get(), blob, geometry, primitive, numbers, &error) != BVHD_OK)
             return error;
-        std::array<std::array<float, 3>, 3> corners = {};
-        for (std::size_t corner = 0; corner < 3; corner++)
-            for (std::size_t axis = 0; axis < 3; axis++)
-                corners[corner][axis] = numbers[corner][axis];
-        return corners;
+        return corners_of(numbers);
+    }
+    Expected<std::array<std::array<float, 3>, 3>> positions_at(std::uint32_t blob, std::uint32_t geometry,
+                                                               std::uint32_t primitive, float time) const
+    {
+        float numbers[3][3];
+        Error error;
+        if (bvhd_cpu_scene_positions_at(scene_.get(), blob, geometry, primitive, time, numbers, &error) != BVHD_OK)
+            return error;
+        return corners_of(numbers);
     }
     bvhd_cpu_scene *get() const
     {
@@ -118,6 +123,14 @@ class CpuScene
     }
 
   private:
+    static std::array<std::array<float, 3>, 3> corners_of(const float numbers[3][3])
+    {
+        std::array<std::array<float, 3>, 3> corners = {};
+        for (std::size_t corner = 0; corner < 3; corner++)
+            for (std::size_t axis = 0; axis < 3; axis++)
+                corners[corner][axis] = numbers[corner][axis];
+        return corners;
+    }
     struct Destroy {
         void operator()(bvhd_cpu_scene *scene) const
         {

@@ -153,22 +153,27 @@ BVHD_API enum bvhd_status bvhd_structure_get(const struct bvhd_structure *struct
 /* ---- Positions ---- */
 
 /*
- * Gives the corners of a triangle by the number of its geometry and its number there, as in the build's info: of a
+ * Give the corners of a triangle by the number of its geometry and its number there, as in the build's info: of a
  * structure that was built with ALLOW_DATA_ACCESS, in either target. They are the positions that
  * VK_KHR_ray_tracing_position_fetch gives to shaders: those of the last build or update, decoded to floats, after the
  * geometry's transformData, exactly as the builder used them. (In structures for lavapipe before Mesa 26, -0 is 0, as
  * in that driver's own.) The call takes no longer for larger portable structures, unless nearly all of their triangles
- * have no area; their objects hold 4 bytes more for each triangle.
+ * have no area; their objects hold 4 bytes more for each triangle. With _at the triangle may be one of a structure that
+ * moves: its corners are then those at the time, where rays of that time meet it.
  *
- * Returns BVHD_INVALID at the place "structure" for an object that is empty, or that was built without the flag, which
- * the bytes of a native structure that was deserialized do not tell; at "geometry" for other primitives than triangles,
- * or a geometry that is not there; at "primitive" for a number beyond the geometry's, and for a triangle that the
- * structure does not hold: an inactive one, and in portable structures without ALLOW_UPDATE one that is degenerate or
- * infinite, because no ray hits it.
+ * Return BVHD_INVALID at the place "structure" for an object that is empty, or that was built without the flag, which
+ * the bytes of a native structure that was deserialized do not tell; at "time" for one that is not in 0 .. 1; at
+ * "geometry" for other primitives than triangles, for what moves if no time is given, and for a geometry that is not
+ * there; at "primitive" for a number beyond the geometry's, and for a triangle that the structure does not hold: an
+ * inactive one, and in portable structures without ALLOW_UPDATE one that is degenerate or infinite, because no ray hits
+ * it.
  */
 BVHD_API enum bvhd_status bvhd_structure_positions(const struct bvhd_structure *structure, uint32_t geometry,
                                                    uint32_t primitive, float ret_positions[3][3],
                                                    struct bvhd_error *ret_error);
+BVHD_API enum bvhd_status bvhd_structure_positions_at(const struct bvhd_structure *structure, uint32_t geometry,
+                                                      uint32_t primitive, float time, float ret_positions[3][3],
+                                                      struct bvhd_error *ret_error);
 
 /* ---- Indirect builds ---- */
 

@@ -95,18 +95,26 @@ class Structure
         bvhd_structure_get(structure_.get(), &state);
         return state;
     }
-    /* Returns the corners of a triangle, as bvhd_structure_positions gives them. It needs ALLOW_DATA_ACCESS. */
+    /*
+     * Return the corners of a triangle, as bvhd_structure_positions and bvhd_structure_positions_at give them. They
+     * need ALLOW_DATA_ACCESS.
+     */
     Expected<std::array<std::array<float, 3>, 3>> positions(std::uint32_t geometry, std::uint32_t primitive) const
     {
         float numbers[3][3];
         Error error;
         if (bvhd_structure_positions(structure_.get(), geometry, primitive, numbers, &error) != BVHD_OK)
             return error;
-        std::array<std::array<float, 3>, 3> corners = {};
-        for (std::size_t corner = 0; corner < 3; corner++)
-            for (std::size_t axis = 0; axis < 3; axis++)
-                corners[corner][axis] = numbers[corner][axis];
-        return corners;
+        return corners_of(numbers);
+    }
+    Expected<std::array<std::array<float, 3>, 3>> positions_at(std::uint32_t geometry, std::uint32_t primitive,
+                                                               float time) const
+    {
+        float numbers[3][3];
+        Error error;
+        if (bvhd_structure_positions_at(structure_.get(), geometry, primitive, time, numbers, &error) != BVHD_OK)
+            return error;
+        return corners_of(numbers);
     }
     bvhd_structure *get() const
     {
@@ -114,6 +122,14 @@ class Structure
     }
 
   private:
+    static std::array<std::array<float, 3>, 3> corners_of(const float numbers[3][3])
+    {
+        std::array<std::array<float, 3>, 3> corners = {};
+        for (std::size_t corner = 0; corner < 3; corner++)
+            for (std::size_t axis = 0; axis < 3; axis++)
+                corners[corner][axis] = numbers[corner][axis];
+        return corners;
+    }
     struct Destroy {
         void operator()(bvhd_structure *structure) const
         {

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ctypes as c
-from typing import Any, Sequence, Union
+from typing import Any, Optional, Sequence, Union
 
 import numpy as np
 import numpy.typing as npt
@@ -126,21 +126,29 @@ class Scene:
         return np.isfinite(self._trace(rays, np.dtype("<f4"), _ANY_HIT))
 
     def positions(
-        self, primitives: npt.ArrayLike, *, geometry: int = 0, structure: int = 0
+        self,
+        primitives: npt.ArrayLike,
+        *,
+        geometry: int = 0,
+        structure: int = 0,
+        time: Optional[float] = None,
     ) -> npt.NDArray[np.float32]:
         """Returns the corners of triangles by their numbers in a geometry, of shape (n, 3, 3).
 
         structure: the position of the bottom level in the scene. It was built with
         `BuildFlags.ALLOW_DATA_ACCESS`. Corners are those after the geometry's transform.
+        time: from 0 to 1; what moves needs one.
         """
         numbers = _numbers(primitives)
         corners = np.empty((len(numbers), 3, 3), np.float32)
-        error, room = s.Error(), (c.c_float * 9)
+        error, kind = s.Error(), c.c_float * 9
         with self._handle as scene:
             for number, row in zip(numbers, corners):
-                status = lib.bvhd_cpu_scene_positions(
-                    scene, structure, geometry, number, room.from_buffer(row), error
-                )
+                where, room = (scene, structure, geometry, number), kind.from_buffer(row)
+                if time is None:
+                    status = lib.bvhd_cpu_scene_positions(*where, room, error)
+                else:
+                    status = lib.bvhd_cpu_scene_positions_at(*where, time, room, error)
                 check(status, error)
         return corners
 

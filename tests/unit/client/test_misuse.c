@@ -406,6 +406,10 @@ static void traced(const struct bvhd_cpu_blob *blob)
          "ret_positions is NULL");
     CALL(bvhd_cpu_scene_positions(scene, 1, 0, 0, corners, &world.error), BVHD_INVALID, "blob", "1 is no bottom level");
     CALL(bvhd_cpu_scene_positions(scene, 0, 0, 0, corners, &world.error), BVHD_INVALID, "blob", "ALLOW_DATA_ACCESS");
+    CALL(bvhd_cpu_scene_positions_at(scene, 0, 0, 0, 0, NULL, &world.error), BVHD_INVALID, "ret_positions",
+         "ret_positions is NULL");
+    CALL(bvhd_cpu_scene_positions_at(scene, 0, 0, 0, -1, corners, &world.error), BVHD_INVALID, "time",
+         "-1 is not in 0 .. 1");
     QUIET((bvhd_cpu_scene_bounds(scene, NULL), bvhd_cpu_scene_bounds(NULL, numbers), true));
     bvhd_cpu_scene_destroy(scene);
 }
@@ -441,6 +445,7 @@ static void traversal(void)
     CALL(bvhd_cpu_scene_object_to_world_at(NULL, &hit, 0, numbers, &world.error), BVHD_INVALID, "scene",
          "scene is NULL");
     CALL(bvhd_cpu_scene_positions(NULL, 0, 0, 0, corners, &world.error), BVHD_INVALID, "scene", "scene is NULL");
+    CALL(bvhd_cpu_scene_positions_at(NULL, 0, 0, 0, 0, corners, &world.error), BVHD_INVALID, "scene", "scene is NULL");
     CALL(bvhd_cpu_scene_object_to_world(NULL, &hit, numbers, &world.error), BVHD_INVALID, "scene", "scene is NULL");
     QUIET((bvhd_cpu_scene_destroy(NULL), true));
     assert_null(scene);
@@ -473,6 +478,8 @@ static void structures(void)
     CALL(bvhd_structure_compatibility(NULL, NULL, NULL, &world.error), BVHD_INVALID, "info", "info is NULL");
     CALL(bvhd_structure_get(NULL, &is), BVHD_INVALID, NULL, "");
     CALL(bvhd_structure_positions(NULL, 0, 0, corners, &world.error), BVHD_INVALID, "structure", "structure is NULL");
+    CALL(bvhd_structure_positions_at(NULL, 0, 0, 0, corners, &world.error), BVHD_INVALID, "structure",
+         "structure is NULL");
     CALL(bvhd_indirect_read(NULL, NULL, &world.error), BVHD_INVALID, "indirect", "indirect is NULL");
     QUIET((bvhd_structure_destroy(NULL), bvhd_indirect_free(NULL), bvhd_structure_handle(NULL) == VK_NULL_HANDLE));
 }

@@ -111,7 +111,7 @@ static void check_triangle(struct bed *bed, uint32_t g, uint32_t primitive)
     float(*wanted)[3] = meaning->corners[primitive], corners[3][3];
     struct bvhd_error error;
     const bool is_inactive = is_nan(wanted), keeps_all = bed->variant || bed->request.input.flags & BUILD_ALLOW_UPDATE;
-    enum bvhd_status status = positions_get(bed->positions, bed->item.blob, g, primitive, corners, &error);
+    enum bvhd_status status = positions_get(bed->positions, bed->item.blob, g, primitive, NULL, corners, &error);
     if (status == BVHD_OK) {
         bed->read++;
         assert_false(is_inactive);
@@ -142,12 +142,13 @@ static void corners_are_those_of_the_request(void **state)
             for (uint32_t i = 0; i < bed.request.meanings[g].count; i++)
                 check_triangle(&bed, g, i);
             assert_int_equal(
-                positions_get(bed.positions, bed.item.blob, g, bed.request.meanings[g].count, corners, &error),
+                positions_get(bed.positions, bed.item.blob, g, bed.request.meanings[g].count, NULL, corners, &error),
                 BVHD_INVALID);
         }
         if (is_made) {
-            assert_int_equal(positions_get(bed.positions, bed.item.blob, count, 0, corners, &error), BVHD_INVALID);
-            assert_int_equal(positions_get(bed.positions, bed.item.blob, UINT32_MAX, UINT32_MAX, corners, &error),
+            assert_int_equal(positions_get(bed.positions, bed.item.blob, count, 0, NULL, corners, &error),
+                             BVHD_INVALID);
+            assert_int_equal(positions_get(bed.positions, bed.item.blob, UINT32_MAX, UINT32_MAX, NULL, corners, &error),
                              BVHD_INVALID);
         }
         cases += is_made;
@@ -205,7 +206,7 @@ static void padding_is_no_triangle(void **state)
         for (uint32_t i = 0; i < count; i++) {
             float corners[3][3];
             struct bvhd_error error;
-            assert_int_equal(positions_get(bed.positions, bed.item.blob, 0, i, corners, &error), BVHD_OK);
+            assert_int_equal(positions_get(bed.positions, bed.item.blob, 0, i, NULL, corners, &error), BVHD_OK);
             assert_memory_equal(corners, vertices[3 * i], sizeof corners);
         }
         positions_unref(bed.positions);
@@ -236,8 +237,8 @@ static void memory_is_in_proportion(void **state)
     geometries[1].primitive_count += CLAIMED;
     open_bed(&bed);
     assert_true(memory.live < 2 * bed.item.size + 65536);
-    assert_int_equal(positions_get(bed.positions, bed.item.blob, 1, 0, corners, &error), BVHD_OK);
-    assert_int_equal(positions_get(bed.positions, bed.item.blob, 1, CLAIMED - 1, corners, &error), BVHD_INVALID);
+    assert_int_equal(positions_get(bed.positions, bed.item.blob, 1, 0, NULL, corners, &error), BVHD_OK);
+    assert_int_equal(positions_get(bed.positions, bed.item.blob, 1, CLAIMED - 1, NULL, corners, &error), BVHD_INVALID);
     positions_unref(bed.positions);
     batch_finish(&bed.item, 1, &memory);
     assert_int_equal(memory.live, 0);
@@ -259,11 +260,48 @@ static void other_primitives_are_refused(void **state)
         assert_int_equal(batch_build(&test.input, 1, &limits, &context, &bed.item, &error), BVHD_OK);
         assert_int_equal(bed.item.status, BVHD_OK);
         open_bed(&bed);
-        assert_int_equal(positions_get(bed.positions, bed.item.blob, 0, 0, corners, &error), BVHD_INVALID);
+        assert_int_equal(positions_get(bed.positions, bed.item.blob, 0, 0, NULL, corners, &error), BVHD_INVALID);
         assert_string_equal(error.where, "geometry");
         positions_unref(bed.positions);
         batch_finish(&bed.item, 1, &memory);
     }
+    assert_int_equal(memory.live, 0);
+}
+
+/* Motion triangles have corners at each time, which are those of rays, and none without a time. */
+static void what_moves_has_positions_of_a_time(void **state)
+{
+    (void)state;
+    static const float times[] = {0, 0.125f, 0.3f, 0.5f, 0.9f, 1};
+    struct test_input test;
+    struct bed bed = {.variant = 0};
+    const struct limits limits = limits_default();
+    struct bvhd_error error;
+    float corners[3][3];
+    inputs_motion_triangles(&test);
+    test.input.flags |= BUILD_ALLOW_DATA_ACCESS | BUILD_ALLOW_UPDATE; /* which keeps triangles without an area */
+    assert_int_equal(batch_build(&test.input, 1, &limits, &context, &bed.item, &error), BVHD_OK);
+    assert_int_equal(bed.item.status, BVHD_OK);
+    open_bed(&bed);
+    const struct geometry *geometry = &test.geometries[1]; /* without indices and transform */
+    for (uint32_t i = 0; i < geometry->range.primitive_count; i++)
+        for (size_t at = 0; at < sizeof times / sizeof *times; at++) {
+            assert_int_equal(positions_get(bed.positions, bed.item.blob, 1, i, &times[at], corners, &error), BVHD_OK);
+            for (uint32_t k = 0; k < 9; k++) {
+                const size_t place = geometry->triangles.vertex_stride * (3 * i + k / 3) + sizeof(float) * (k % 3);
+                float start, end;
+                memcpy(&start, geometry->triangles.vertices.data + place, sizeof start);
+                memcpy(&end, geometry->triangles.end_vertices.data + place, sizeof end);
+                const float rest = 1 - times[at], before = start * rest, after = end * times[at];
+                assert_true(corners[k / 3][k % 3] == before + after);
+            }
+        }
+    assert_int_equal(positions_get(bed.positions, bed.item.blob, 1, 0, NULL, corners, &error), BVHD_INVALID);
+    assert_string_equal(error.where, "geometry");
+    assert_non_null(strstr(error.text, "move"));
+    assert_int_equal(positions_get(bed.positions, bed.item.blob, 2, 0, times, corners, &error), BVHD_INVALID);
+    positions_unref(bed.positions);
+    batch_finish(&bed.item, 1, &memory);
     assert_int_equal(memory.live, 0);
 }
 
@@ -275,6 +313,7 @@ int main(void)
         cmocka_unit_test(padding_is_no_triangle),
         cmocka_unit_test(memory_is_in_proportion),
         cmocka_unit_test(other_primitives_are_refused),
+        cmocka_unit_test(what_moves_has_positions_of_a_time),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -33,7 +33,7 @@ static void make(struct bed *bed, int which, struct build_input *input)
     struct canonical canonical;
     struct build_stats stats;
     struct bvhd_error error = {0};
-    input->flags = BUILD_MOTION;
+    input->flags = BUILD_MOTION | BUILD_ALLOW_DATA_ACCESS;
     input->geometry_count = 1;
     input->options = (struct build_options){.quality = QUALITY_BALANCED, .target = TARGET_PORTABLE};
     if (prepare(input, 0, &limits, &context, &canonical, &error) != BVHD_OK ||
@@ -159,6 +159,17 @@ static void test_corners(void **state)
     }
     assert_int_equal(bvhd_cpu_scene_corners(bed.alone, &hit, corners, &error), BVHD_INVALID);
     assert_string_equal(error.where, "hit.record");
+    float positions[3][3];
+    const uint32_t geometry = hit.geometry, primitive = hit.primitive;
+    assert_int_equal(bvhd_cpu_scene_positions_at(bed.alone, 0, geometry, primitive, 0.25f, positions, NULL), BVHD_OK);
+    assert_memory_equal(positions, corners, sizeof corners);
+    assert_int_equal(bvhd_cpu_scene_positions_at(bed.alone, 0, geometry, primitive, 1, positions, NULL), BVHD_OK);
+    assert_true(positions[0][0] == end_vertices[3 * primitive][0]);
+    assert_int_equal(bvhd_cpu_scene_positions(bed.alone, 0, geometry, primitive, positions, &error), BVHD_INVALID);
+    assert_string_equal(error.where, "geometry");
+    assert_int_equal(bvhd_cpu_scene_positions_at(bed.alone, 0, geometry, primitive, 1.5f, positions, &error),
+                     BVHD_INVALID);
+    assert_string_equal(error.where, "time");
     assert_int_equal(bvhd_cpu_scene_corners_at(bed.alone, &hit, -1, corners, &error), BVHD_INVALID);
     assert_string_equal(error.where, "time");
     bed_finish(&bed);

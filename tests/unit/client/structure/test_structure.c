@@ -184,7 +184,7 @@ static void moving_results_are_held(void **state)
     struct structure_build moving = bed.bottom;
     moving.geometry.geometry.triangles.pNext = &end;
     moving.info.pGeometries = &moving.geometry;
-    moving.info.flags = VK_BUILD_ACCELERATION_STRUCTURE_MOTION_BIT_NV;
+    moving.info.flags = VK_BUILD_ACCELERATION_STRUCTURE_MOTION_BIT_NV | BUILD_ALLOW_DATA_ACCESS;
     moving.result = structure_bed_result(&moving, &options);
     VkAccelerationStructureBuildSizesInfoKHR sizes = {
         .sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_BUILD_SIZES_INFO_KHR};
@@ -199,7 +199,7 @@ static void moving_results_are_held(void **state)
     assert_int_equal(bvhd_structure_hold(objects[0], &moving.info, &moving.range, &moving.result, &bed.error), BVHD_OK);
     struct bvhd_structure_state is;
     assert_int_equal(bvhd_structure_get(objects[0], &is), BVHD_OK);
-    assert_true(is.is_built && is.flags == BUILD_MOTION && is.data == moving.result.data);
+    assert_true(is.is_built && is.flags == (BUILD_MOTION | BUILD_ALLOW_DATA_ACCESS) && is.data == moving.result.data);
     assert_int_equal(is.type, VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR);
     VkCopyAccelerationStructureInfoKHR copy = {.sType = VK_STRUCTURE_TYPE_COPY_ACCELERATION_STRUCTURE_INFO_KHR,
                                                .src = bvhd_structure_handle(objects[0]),
@@ -208,6 +208,13 @@ static void moving_results_are_held(void **state)
     assert_int_equal(bvhd_structure_copy(&copy, &bed.error), BVHD_OK);
     copy.dst = bvhd_structure_handle(bed.spare);
     structure_bed_refused(&bed, "a copy", bvhd_structure_copy(&copy, &bed.error), "", "info.dst");
+    float corners[3][3]; /* which are the same at both ends */
+    assert_int_equal(bvhd_structure_positions_at(objects[1], 0, 1, 1, corners, &bed.error), BVHD_OK);
+    assert_memory_equal(corners, bed.vertices[1], sizeof corners);
+    structure_bed_refused(&bed, "no time", bvhd_structure_positions(objects[1], 0, 1, corners, &bed.error), "",
+                          "geometry");
+    structure_bed_refused(&bed, "a late time",
+                          bvhd_structure_positions_at(objects[1], 0, 1, 1.25f, corners, &bed.error), "", "time");
     bvhd_structure_destroy(objects[0]);
     bvhd_structure_destroy(objects[1]);
     bvhd_blob_unref(moving.result.blob);
