@@ -31,7 +31,7 @@ static bool make_unit(double *vector, int width, double least)
     for (int i = 0; i < width; i++)
         square += vector[i] * vector[i];
     double length = sqrt(square);
-    if (!(length > least) || !isfinite(length))
+    if (!(length > least))
         return false;
     for (int i = 0; i < width; i++)
         vector[i] /= length;
@@ -222,14 +222,12 @@ struct turn {
     double pivot[3]; /* about which it turns, in the space of the scaled object */
 };
 
-/* Solves three equations by Cramer's rule. Returns false if they have no single solution. */
-static bool solve(const double rows[3][3], const double right[3], double ret[3])
+/* Solves three equations by Cramer's rule. They have a single solution, or one that is no number. */
+static void solve(const double rows[3][3], const double right[3], double ret[3])
 {
     double normal[3];
     cross(rows[1], rows[2], normal);
     double determinant = dot(rows[0], normal);
-    if (!(fabs(determinant) > 0))
-        return false;
     for (int k = 0; k < 3; k++) {
         double changed[3][3];
         memcpy(changed, rows, sizeof changed);
@@ -238,7 +236,6 @@ static bool solve(const double rows[3][3], const double right[3], double ret[3])
         cross(changed[1], changed[2], normal);
         ret[k] = dot(changed[0], normal) / determinant;
     }
-    return isfinite(ret[0]) && isfinite(ret[1]) && isfinite(ret[2]);
 }
 
 /* Returns where a motion without a pivot has a point, less where the path has it. */
@@ -266,10 +263,11 @@ static void find_offset(const struct motion_path *path, const struct turn *turn,
 static void find_pivot(const struct motion_path *path, double most, struct turn *turn)
 {
     double rows[3][3] = {{0}}, right[3] = {0}, ends[2][3][3], middle[3];
-    bool is_there = rotation_of(turn->quaternions[0], ends[0]) && rotation_of(turn->quaternions[1], ends[1]);
+    rotation_of(turn->quaternions[0], ends[0]);
+    rotation_of(turn->quaternions[1], ends[1]);
     for (int i = 0; i < 3; i++)
         middle[i] = mix(path->low[i], path->high[i], 0.5);
-    for (int step = 1; step < MOTION_FIT_STEPS && is_there; step++) {
+    for (int step = 1; step < MOTION_FIT_STEPS; step++) {
         double share = (double)step / MOTION_FIT_STEPS, q[4], rotation[3][3], offset[3];
         for (int i = 0; i < 4; i++)
             q[i] = mix(turn->quaternions[0][i], turn->quaternions[1][i], share);
@@ -288,8 +286,8 @@ static void find_pivot(const struct motion_path *path, double most, struct turn 
     double weight = 1e-9 * (rows[0][0] + rows[1][1] + rows[2][2]);
     for (int i = 0; i < 3; i++)
         rows[i][i] += weight;
-    if (!(weight > 0) || !solve((const double(*)[3])rows, right, turn->pivot))
-        memset(turn->pivot, 0, sizeof turn->pivot);
+    if (weight > 0) /* it turns */
+        solve((const double(*)[3])rows, right, turn->pivot);
     double length = sqrt(dot(turn->pivot, turn->pivot));
     for (int i = 0; i < 3 && length > most; i++)
         turn->pivot[i] *= most / length;
@@ -318,8 +316,9 @@ static bool write_end(const struct gltf_matrix *matrix, const struct turn *turn,
 static void try_turn(const struct motion_path *path, const struct turn *turn, double rounding, struct motion_fit *best)
 {
     struct motion_fit fit = {.motion.kind = ORACLE_SRT};
-    if (!write_end(&path->at[0], turn, 0, fit.motion.start) ||
-        !write_end(&path->at[MOTION_FIT_STEPS], turn, 1, fit.motion.end))
+    bool is_finite = write_end(&path->at[0], turn, 0, fit.motion.start);
+    is_finite &= write_end(&path->at[MOTION_FIT_STEPS], turn, 1, fit.motion.end);
+    if (!is_finite)
         return;
     measure(path, &fit);
     if (fit.distance + rounding < best->distance)

@@ -27,6 +27,7 @@
     "'animations':[{'name':'move','channels':[" channels "],'samplers':[" samplers "]}],"
 #define MOVES(node, path, output) .more = ANIMATION(CHANNEL(node, path), SAMPLER(10, output))
 #define MORPHED "{'attributes':{'POSITION':0},'indices':1,'targets':[{'POSITION':16},{'POSITION':17}]}"
+#define DOTS "{'attributes':{'POSITION':0},'mode':0,'targets':[{'POSITION':16},{'POSITION':17}]}"
 #define BONES(joints, weights) \
     "{'attributes':{'POSITION':0,'JOINTS_0':" #joints ",'WEIGHTS_0':" #weights "},'indices':1}"
 #define SKELETON "{'mesh':0,'skin':0,'translation':[100,0,0]},{'translation':[1,0,0],'children':[2]}," \
@@ -187,6 +188,19 @@ const struct gltf_case gltf_cases[] = {
     {.name = "shutter, joints", UNTIL(0.5, 0.75), .primitives = BONES(18, 19), .nodes = SKELETON, .scenes = BOTH_ROOTS,
      .more = SKIN("1,2", 20) ANIMATION(CHANNEL(2, "translation"), SAMPLER(10, 11)), .low = {1, 0, 0},
      .high = {8, 1.5f, 0}, .end_low = {1, 0, 0}, .end_high = {10.5f, 1.5f, 0}, .moving = 1},
+    {.name = "shutter, weights of points", UNTIL(0, 1), .primitives = DOTS "," MORPHED, MOVES(0, "weights", 15),
+     .end_low = {0, 0, 1}, .end_high = {2, 3, 1}, .moving = 1, .kind = "points", .count = 4},
+    {.name = "shutter, two nodes with weights", UNTIL(0, 1), .primitives = MORPHED, MOVES(1, "weights", 15),
+     .nodes = "{'mesh':0,'weights':[0,0],'children':[1]},{'mesh':0}", .triangles = 4, .instances = 2, .bottoms = 2,
+     .end_low = {0, 0, 0}, .end_high = {2, 3, 1}, .moving = 1},
+    {.name = "shutter, positions that are no numbers", UNTIL(0.25, 0.75), MOVES(0, "translation", 11),
+     .primitives = "{'attributes':{'POSITION':31}}", .triangles = 1, .low = {3.5f, 1, 1}, .high = {3.5f, 1, 1},
+     .accessors = ",{'bufferView':16,'componentType':5126,'count':3,'type':'VEC3'}", .end_low = {8.5f, 1, 1},
+     .end_high = {8.5f, 1, 1}, .matrices = 1},
+    {.name = "animation without channels", AT(1), .more = "'animations':[{}],"},
+    {.name = "keys in an accessor that is not there", AT(1), .status = BVHD_INVALID,
+     .more = ANIMATION(CHANNEL(0, "translation"), SAMPLER(99, 11)),
+     .text = "animations[0].samplers[0].input: accessors[99] does not exist"},
     {.name = "shutter, instancing", UNTIL(0.25, 0.75), .nodes = "{'children':[1]}," INSTANCED("'TRANSLATION':31"),
      .accessors = INSTANCE_ACCESSORS, MOVES(0, "translation", 11), .instances = 3, .low = {2.5f, 0, -7},
      .high = {14.5f, 3, 0}, .end_low = {7.5f, 0, -7}, .end_high = {19.5f, 3, 0}, .matrices = 3},

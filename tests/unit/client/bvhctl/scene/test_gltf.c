@@ -267,7 +267,9 @@ static void test_no_memory(void **state)
                                         "animated weights of sparse targets",
                                         "animated joint",
                                         "shutter, turning",
-                                        "shutter, joints"};
+                                        "shutter, joints",
+                                        "shutter, weights of points",
+                                        "shutter, two nodes with weights"};
     static uint8_t bytes[GLTF_CASE_ROOM];
     for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
         const struct gltf_case *gltf_case = find_case(names[i]);

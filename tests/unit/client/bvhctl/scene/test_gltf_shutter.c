@@ -217,6 +217,43 @@ static void test_chained(void **state)
     assert_true(kinds[ORACLE_STILL] && kinds[ORACLE_MATRIX] && kinds[ORACLE_SRT]);
 }
 
+static const struct gltf_case *find_case(const char *name)
+{
+    uint32_t i = 0;
+    while (i < gltf_case_count && strcmp(gltf_cases[i].name, name) != 0)
+        i++;
+    assert_true(i < gltf_case_count);
+    return &gltf_cases[i];
+}
+
+/* Points whose vertices move stay, and are counted; how far they are from where they should be is said. */
+static void test_points(void **state)
+{
+    (void)state;
+    static uint8_t bytes[GLTF_CASE_ROOM];
+    char path[] = "/tmp/bvhd-test-shutter-XXXXXX";
+    int descriptor = mkstemp(path);
+    size_t size = gltf_case_make(find_case("shutter, weights of points"), bytes);
+    assert_true(descriptor >= 0 && pwrite(descriptor, bytes, size, 0) == (ssize_t)size);
+    for (int round = 0; round < 4; round++) {
+        struct memory memory;
+        struct import import;
+        const struct import_moment interval = {.is_shutter = true, .end = 1, .is_for_updates = round & 2};
+        const struct import_wish wish = {.moment = &interval, .point_radius = round & 1 ? 0.1f : 0};
+        memory_init(&memory, UINT64_MAX);
+        assert_int_equal(import_read_as(path, &wish, &memory, &import, NULL), BVHD_OK);
+        assert_int_equal(import.counts.unmoved, round & 1);
+        assert_int_equal(import.meshes[0].counts.unmoved, round & 1);
+        assert_true(!import.meshes[0].end_positions && import.meshes[1].end_positions);
+        assert_float_equal(import.vertex_deviation.distance, (float)(round & 1), 1e-6);
+        assert_int_equal(import.moving_meshes, 1);
+        import_finish(&import);
+        assert_int_equal(memory.live, 0);
+    }
+    close(descriptor);
+    unlink(path);
+}
+
 /* After the last key nothing moves, but for updates it is built as what does. */
 static void check_updatable(struct world *world)
 {
@@ -242,6 +279,7 @@ int main(void)
         cmocka_unit_test(test_skinned),
         cmocka_unit_test(test_chained),
         cmocka_unit_test(test_updatable),
+        cmocka_unit_test(test_points),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

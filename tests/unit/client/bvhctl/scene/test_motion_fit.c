@@ -246,6 +246,22 @@ static void test_singular(void **state)
     }
 }
 
+/* A path that goes through what is no number has no SRT, and none of matrices if a scale is 0 at one end. */
+static void test_not_there(void **state)
+{
+    (void)state;
+    struct motion_path path = {.low = {0, 0, 0}, .high = {1, 1, 1}};
+    struct motion_fit found;
+    for (int end = 0; end <= STEPS; end += STEPS) {
+        for (int i = 0; i <= STEPS; i++)
+            path.at[i] = gltf_matrix_identity;
+        path.at[end].at[5] = 0;
+        assert_true(motion_fit(&path, &found));
+        path.at[7].at[5] = NAN;
+        assert_false(motion_fit(&path, &found));
+    }
+}
+
 static void test_not_finite(void **state)
 {
     (void)state;
@@ -256,7 +272,7 @@ static void test_not_finite(void **state)
         for (int step = 0; step <= STEPS; step++) {
             for (int i = 0; i <= STEPS; i++)
                 path.at[i] = gltf_matrix_identity;
-            path.at[STEPS].at[3] = 1;
+            path.at[STEPS] = (struct gltf_matrix){{0, -1, 0, 1, 1, 0, 0, 0, 0, 0, 1, 0}};
             path.at[step].at[which] = wrong[which];
             bool is_end = step == 0 || step == STEPS;
             assert_int_equal(motion_fit(&path, &found), !is_end);
@@ -270,8 +286,9 @@ static void test_not_finite(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_matrices), cmocka_unit_test(test_turning),  cmocka_unit_test(test_orbit),
-        cmocka_unit_test(test_standing), cmocka_unit_test(test_singular), cmocka_unit_test(test_not_finite),
+        cmocka_unit_test(test_matrices),  cmocka_unit_test(test_turning),  cmocka_unit_test(test_orbit),
+        cmocka_unit_test(test_standing),  cmocka_unit_test(test_singular), cmocka_unit_test(test_not_finite),
+        cmocka_unit_test(test_not_there),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
