@@ -17,6 +17,7 @@ struct leaf_kind {
     /* Prepares the state for visit(). NULL: there is nothing to prepare, or is_triangles says it. */
     void (*prepare)(struct traverse_state *state);
     bool can_unpack; /* unpacked_fill() takes such structures */
+    uint32_t shape_floats; /* numbers that unpacked_fill() copies for each record */
     traverse_leaf visit;
 
     /* A faster walk for machines with AVX2, which returns false if the general one is needed. NULL: there is none. */
@@ -25,6 +26,11 @@ struct leaf_kind {
     /* The same for rays in world space of which the state has neither the ray nor its triangle_ray. NULL: none. */
     bool (*walk_world)(struct traverse_state *state, const struct portable_view *view,
                        const struct unpacked_node *unpacked);
+    /*
+     * The same with less preparation, for plain rays in world space through an unpacked structure alone, whose state
+     * traverse_state_settle_plain() has settled. NULL: there is none.
+     */
+    traverse_plain walk_plain;
     /* Grows a box by the records. NULL: they do not tell their boxes, so that those in nodes are the tightest. */
     void (*grow)(const struct portable_view *view, uint32_t first, uint32_t count, struct box *box);
 };

@@ -45,6 +45,15 @@ void round_meet_swept(struct traverse_state *state, const struct portable_view *
         traverse_leaf_round(state, record, round->id & PORTABLE_ID_MASK, round->id & PORTABLE_ID_OPAQUE, hit.t, hit.u);
 }
 
+void round_meet_cap(struct traverse_state *state, const struct portable_view *view, uint32_t record, unsigned end)
+{
+    const struct portable_round *round = round_record_at(view, record);
+    double t;
+    if (caps_of(round) >> end & 1 &&
+        sphere_intersect(&state->round_ray, round_vertex_of(view, round) + (uint64_t)4 * end, &t))
+        traverse_leaf_round(state, record, round->id & PORTABLE_ID_MASK, round->id & PORTABLE_ID_OPAQUE, t, end);
+}
+
 static void visit_spheres(struct traverse_walk *walk, uint32_t first, uint32_t count)
 {
     const bool is_flipped = walk->state.options->flip_order;
@@ -83,8 +92,10 @@ const struct leaf_kind leaf_spheres = {
     .skip_flag = RAY_SKIP_TRIANGLES,
     .prepare = prepare_spheres,
     .can_unpack = true,
+    .shape_floats = 4,
     .visit = visit_spheres,
     .walk_avx2 = traverse_avx2_round,
+    .walk_plain = traverse_avx2_round_plain,
     .grow = grow_spheres,
 };
 
@@ -92,7 +103,9 @@ const struct leaf_kind leaf_swept_spheres = {
     .skip_flag = RAY_SKIP_TRIANGLES,
     .prepare = prepare_swept_spheres,
     .can_unpack = true,
+    .shape_floats = 8,
     .visit = visit_swept_spheres,
     .walk_avx2 = traverse_avx2_round,
+    .walk_plain = traverse_avx2_round_plain,
     .grow = grow_swept_spheres,
 };

@@ -45,6 +45,7 @@ const struct leaf_kind leaf_triangles = {
     .can_unpack = true,
     .visit = visit_triangles,
     .walk_avx2 = traverse_avx2_triangles,
+    .walk_plain = traverse_avx2_plain,
     .grow = grow,
 };
 

@@ -8,6 +8,8 @@
  * the rays, eight rays at a time. Where few rays are left they go on alone. At an instance the rays that meet it are
  * put into its space, where those of one octant go on together.
  */
+#include "builder/traverse/leaf_kind.h"
+#include "builder/traverse/packet_round.h"
 #include "builder/traverse/packet_triangle.h"
 
 #ifdef BOXTEST_AVX2
@@ -120,15 +122,6 @@ BOXTEST_AVX2_INLINE struct avx2_walk *lane_walk(struct packet *packet, unsigned 
     return walk;
 }
 
-/* Takes the end of a lane's interval from its state, after a hit. */
-BOXTEST_AVX2_INLINE void lane_limit(struct packet *packet, unsigned lane)
-{
-    const struct traverse_state *state = &packet->states[lane].state;
-    const __m256 limit = _mm256_set1_ps(state->is_done ? -1 : state->tmax_above);
-    packet->tmax = _mm256_blendv_ps(packet->tmax, limit, lane_mask(1u << lane));
-    packet->live &= ~((uint32_t)state->is_done << lane);
-}
-
 /*
  * Gives the corners of a triangle, if all rays have them, and returns its id. Those of motion triangles are computed
  * into `room`.
@@ -209,7 +202,9 @@ BOXTEST_AVX2_INLINE void prefetch_child(const struct packet *packet, uint32_t ch
     const uintptr_t node_size = moves ? sizeof *packet->moving_nodes : sizeof *packet->nodes;
     const uintptr_t record_size = moves ? sizeof *packet->moving_triangles : packet->record_size;
     const void *nodes = moves ? (const void *)packet->moving_nodes : packet->nodes;
-    const void *records = moves ? (const void *)packet->moving_triangles : packet->view->records;
+    const void *records = moves                 ? (const void *)packet->moving_triangles
+                          : kind_is_round(kind) ? packet->round->shapes
+                                                : packet->view->records;
     const uintptr_t size = is_node ? node_size : record_size, index = child & CHILD_INDEX_MASK;
     const uintptr_t at = (uintptr_t)(is_node ? nodes : records) + size * index;
     for (unsigned line = 0; line < 4; line++)
@@ -229,8 +224,25 @@ BOXTEST_AVX2_INLINE void meet(struct packet *packet, uint32_t child, uint32_t la
 {
     if (kind == PACKET_TOP)
         meet_instances(packet, child, lanes);
+    else if (kind_is_round(kind))
+        packet_round_leaf(packet, child, lanes, kind == PACKET_SWEPT);
     else
         meet_leaf(packet, child, lanes, kind);
+}
+
+/* Goes on with a lane alone from a child on, which is a node. */
+BOXTEST_AVX2_INLINE void go_alone(struct packet *packet, unsigned lane, uint32_t child, bool is_any,
+                                  enum packet_kind kind)
+{
+    if (kind_is_round(kind)) {
+        struct round_walk *walk = packet_round_walk(packet, packet->round, lane);
+        (is_any ? round_walk_any : round_walk_closest)(walk, child & CHILD_INDEX_MASK);
+    } else if (is_any) {
+        (kind_moves(kind) ? moving_walk_any : avx2_walk_any)(lane_walk(packet, lane, kind), child);
+    } else {
+        (kind_moves(kind) ? moving_walk_closest : avx2_walk_closest)(lane_walk(packet, lane, kind), child);
+    }
+    lane_limit(packet, lane);
 }
 
 /*
@@ -246,9 +258,7 @@ BOXTEST_AVX2_INLINE void find_closest(struct packet *packet, uint32_t lanes, enu
             meet(packet, child, lanes, kind);
         } else if (kind != PACKET_TOP && __builtin_popcount(lanes) <= ALONE) {
             for (; lanes != 0; lanes &= lanes - 1) {
-                unsigned lane = (unsigned)__builtin_ctz(lanes);
-                (kind_moves(kind) ? moving_walk_closest : avx2_walk_closest)(lane_walk(packet, lane, kind), child);
-                lane_limit(packet, lane);
+                go_alone(packet, (unsigned)__builtin_ctz(lanes), child, false, kind);
             }
         } else {
             const struct unpacked_node *node = node_at(packet, child & CHILD_INDEX_MASK, kind);
@@ -295,9 +305,7 @@ BOXTEST_AVX2_INLINE void find_any(struct packet *packet, uint32_t root_lanes, en
         uint32_t lanes = (uint32_t)(*top >> 32) & packet->live, index = (uint32_t)*top;
         if (kind != PACKET_TOP && __builtin_popcount(lanes) <= ALONE) {
             for (; lanes != 0; lanes &= lanes - 1) {
-                unsigned lane = (unsigned)__builtin_ctz(lanes);
-                (kind_moves(kind) ? moving_walk_any : avx2_walk_any)(lane_walk(packet, lane, kind), index);
-                lane_limit(packet, lane);
+                go_alone(packet, (unsigned)__builtin_ctz(lanes), index, true, kind);
             }
             continue;
         }
@@ -459,6 +467,31 @@ BOXTEST_AVX2 static void packet_walk_top(struct packet *packet, uint32_t lanes, 
         find_closest(packet, lanes, PACKET_TOP);
 }
 
+BOXTEST_AVX2 static void packet_walk_spheres(struct packet *packet, uint32_t lanes, bool is_any)
+{
+    if (is_any)
+        find_any(packet, lanes, PACKET_SPHERES);
+    else
+        find_closest(packet, lanes, PACKET_SPHERES);
+}
+
+BOXTEST_AVX2 static void packet_walk_swept(struct packet *packet, uint32_t lanes, bool is_any)
+{
+    if (is_any)
+        find_any(packet, lanes, PACKET_SWEPT);
+    else
+        find_closest(packet, lanes, PACKET_SWEPT);
+}
+
+/* Does what is left to trace a packet through a round kind, of which the bundle is ready. */
+__attribute__((noinline)) BOXTEST_AVX2 static void trace_round(struct packet *packet, uint32_t lanes, bool is_any)
+{
+    const bool is_swept = packet->view->header->content == PORTABLE_SWEPT_SPHERES;
+    struct packet_round round;
+    packet_round_begin(packet, lanes, is_swept, &round);
+    (is_swept ? packet_walk_swept : packet_walk_spheres)(packet, lanes, is_any);
+}
+
 /* Puts the rays of a packet that has begun into its lanes. Returns the lanes that can go on. */
 BOXTEST_AVX2_INLINE uint32_t packet_take(struct packet *packet, const struct ray *const rays[LANES], uint32_t lanes)
 {
@@ -512,6 +545,8 @@ BOXTEST_AVX2 uint32_t packet_avx2_trace(struct traverse_walk *states, const stru
     packet_bundle(&packet, lanes);
     if (is_top) {
         packet_walk_top(&packet, lanes, is_any);
+    } else if (leaf_kind_of(packet.view)->shape_floats != 0) {
+        trace_round(&packet, lanes, is_any);
     } else {
         packet_triangles_init(&packet, lanes);
         packet_walk(&packet, lanes, is_any);

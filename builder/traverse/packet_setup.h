@@ -30,10 +30,11 @@ enum { LANES = 8 };
 /*
  * The costs of packets, in visits of nodes by single rays: of a step of a packet, with its tests in leaves; of a step
  * of rays with several main axes, whose triangles take more instructions and whose branches are hard to predict; what
- * different times add to a step; and of the second preparation of a ray that goes on alone. They are fitted to times of
- * packets and of single rays in ten scenes.
+ * different times add to a step; of a step through spheres or linear swept spheres, where a single ray tests those of
+ * all leaves of a node together; and of the second preparation of a ray that goes on alone. They are fitted to times of
+ * packets and of single rays in ten scenes, and in hair and a cloud of spheres.
  */
-enum { COST_STEP = 3, COST_MIXED = 6, COST_TIMES = 1, COST_ALONE = 4 };
+enum { COST_STEP = 3, COST_MIXED = 6, COST_TIMES = 1, COST_ROUND = 5, COST_ALONE = 4 };
 
 /* Four of the rays as struct triangle_ray has one. */
 struct packet_triangles {
@@ -73,6 +74,7 @@ struct packet {
     const struct unpacked_moving_triangle *moving_triangles;
     struct motion_weights at; /* of rays that have one time; else `times` is used */
     struct packet_times times;
+    struct packet_round *round; /* only of round kinds */
     const float *object_to_world; /* the rays are in the space of this instance; NULL: in world space */
     uint32_t step_cost; /* of a step of this packet */
     struct packet_work work;
@@ -250,6 +252,15 @@ BOXTEST_AVX2_INLINE __m256 lane_mask(uint32_t lanes)
 {
     const __m256i bits = _mm256_load_si256((const __m256i *)(const void *)lane_bits);
     return _mm256_castsi256_ps(_mm256_cmpeq_epi32(_mm256_and_si256(_mm256_set1_epi32((int)lanes), bits), bits));
+}
+
+/* Takes the end of a lane's interval from its state, after a hit. */
+BOXTEST_AVX2_INLINE void lane_limit(struct packet *packet, unsigned lane)
+{
+    const struct traverse_state *state = &packet->states[lane].state;
+    const __m256 limit = _mm256_set1_ps(state->is_done ? -1 : state->tmax_above);
+    packet->tmax = _mm256_blendv_ps(packet->tmax, limit, lane_mask(1u << lane));
+    packet->live &= ~((uint32_t)state->is_done << lane);
 }
 
 /* Returns those of the lanes that have the octant of the first of them. */

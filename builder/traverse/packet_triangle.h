@@ -15,12 +15,19 @@ enum packet_kind {
     PACKET_TRIANGLES,
     PACKET_MOVING, /* motion triangles, by rays of one time */
     PACKET_TIMES, /* the same, by rays of different times */
-    PACKET_TOP
+    PACKET_TOP,
+    PACKET_SPHERES,
+    PACKET_SWEPT /* linear swept spheres */
 };
 
 static inline bool kind_moves(enum packet_kind kind)
 {
     return kind == PACKET_MOVING || kind == PACKET_TIMES;
+}
+
+static inline bool kind_is_round(enum packet_kind kind)
+{
+    return kind == PACKET_SPHERES || kind == PACKET_SWEPT;
 }
 
 /* The hits of four rays at one triangle. */

@@ -2,249 +2,330 @@
 /*
  * round_avx2.c - traces single rays through spheres and linear swept spheres with AVX2. It gives the same results as
  * the loops of traverse_loops.c with leaves of leaf_round.c. The records of all leaves of a node are tested together,
- * eight at a time in float; those that float does not dismiss are decided one by one, the nearest first.
+ * four at a time.
  */
+#include "builder/traverse/round_walk.h"
+
 #include "builder/traverse/avx2_steps.h"
-#include "builder/traverse/round_lanes.h"
 #include "builder/traverse/round_records.h"
 
 #ifdef BOXTEST_AVX2
 
-enum { LANES = 8 };
+enum { LANES = 4, SLOTS = 8 };
 
-/* One ray through round kinds. */
-struct round_walk {
-    struct avx2_walk nodes; /* without its triangles */
-    bool is_prepared; /* the state and `lanes` are prepared, which they are at the first leaf */
-    struct round_lanes_ray lanes;
-};
-
-/* The records of one node that a ray may meet. */
-struct gathered {
-    uint32_t records[PORTABLE_LEAF_MAX * LANES + LANES];
-    unsigned count;
-};
-
-/* Exchanges the rows and columns of eight registers. */
-BOXTEST_AVX2_INLINE void transpose(__m256 rows[8])
-{
-    __m256 pairs[8], quads[8];
-    for (int k = 0; k < 8; k += 2) {
-        pairs[k] = _mm256_unpacklo_ps(rows[k], rows[k + 1]);
-        pairs[k + 1] = _mm256_unpackhi_ps(rows[k], rows[k + 1]);
-    }
-    for (int k = 0; k < 8; k += 4)
-        for (int half = 0; half < 2; half++) {
-            quads[k + 2 * half] = _mm256_shuffle_ps(pairs[k + half], pairs[k + 2 + half], _MM_SHUFFLE(1, 0, 1, 0));
-            quads[k + 2 * half + 1] = _mm256_shuffle_ps(pairs[k + half], pairs[k + 2 + half], _MM_SHUFFLE(3, 2, 3, 2));
-        }
-    for (int k = 0; k < 4; k++) {
-        rows[k] = _mm256_permute2f128_ps(quads[k], quads[k + 4], 0x20);
-        rows[k + 4] = _mm256_permute2f128_ps(quads[k], quads[k + 4], 0x31);
-    }
-}
-
-/* Loads eight spheres, or four that get into both halves: four registers with one number of each. */
-BOXTEST_AVX2_INLINE void load_spheres(const float *const vertices[LANES], int lanes, __m256 ret_spheres[4])
-{
-    __m256 rows[4], pairs[4];
-    for (int k = 0; k < 4; k++)
-        rows[k] = _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_loadu_ps(vertices[k])),
-                                       _mm_loadu_ps(vertices[k + lanes - 4]), 1);
-    for (int k = 0; k < 4; k += 2) {
-        pairs[k] = _mm256_unpacklo_ps(rows[k], rows[k + 1]);
-        pairs[k + 1] = _mm256_unpackhi_ps(rows[k], rows[k + 1]);
-    }
-    for (int half = 0; half < 2; half++) {
-        ret_spheres[2 * half] = _mm256_shuffle_ps(pairs[half], pairs[2 + half], _MM_SHUFFLE(1, 0, 1, 0));
-        ret_spheres[2 * half + 1] = _mm256_shuffle_ps(pairs[half], pairs[2 + half], _MM_SHUFFLE(3, 2, 3, 2));
-    }
-}
-
-/* Returns the length up to which a hit can be the answer. */
-static inline float reach_of(const struct round_walk *walk)
-{
-    const float reach = walk->nodes.state->tmax_above * walk->lanes.speed;
-    return reach + 0x1p-18f * fabsf(reach); /* the speed is rounded for positive numbers */
-}
-
-/* Decides the records whose bits are set, the nearest first. Returns false if the ray is finished. */
-BOXTEST_AVX2_INLINE bool decide(const struct round_walk *walk, const uint32_t *records, unsigned bits,
-                                const float near[LANES], bool is_swept)
+__attribute__((noinline)) BOXTEST_AVX2 static void prepare_lanes(struct round_walk *walk, bool is_swept)
 {
     struct traverse_state *state = walk->nodes.state;
-    while (bits != 0) {
-        unsigned nearest = (unsigned)__builtin_ctz(bits);
-        for (unsigned rest = bits & (bits - 1); rest != 0; rest &= rest - 1) {
-            const unsigned lane = (unsigned)__builtin_ctz(rest);
-            nearest = near[lane] < near[nearest] ? lane : nearest;
+    if (!state->object_to_world)
+        traverse_state_to_world(state);
+    round_prepare(state, is_swept ? MET_SWEPT_SPHERE : MET_SPHERE);
+    const struct round_ray *ray = &state->round_ray;
+    const double *d = ray->direction;
+    for (int k = 0; k < 3; k++) {
+        walk->lanes.origin[k] = _mm256_broadcast_sd(&ray->origin[k]);
+        walk->lanes.direction[k] = _mm256_broadcast_sd(&d[k]);
+    }
+    walk->lanes.squared = _mm256_set1_pd(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
+    walk->lanes.scale = _mm256_broadcast_sd(&ray->scale);
+    walk->lanes.tmin = lanes_least(_mm256_broadcast_sd(&ray->tmin));
+    walk->lanes.is_forward = ray->tmin >= 0;
+    walk->is_prepared = true;
+}
+
+/* Returns where the numbers of a record are. */
+BOXTEST_AVX2_INLINE const float *shape_of(const struct round_walk *walk, uint32_t record, bool is_unpacked,
+                                          bool is_swept)
+{
+    return is_unpacked ? walk->shapes + (uint64_t)(is_swept ? 8 : 4) * record
+                       : round_vertex_of(walk->nodes.view, round_record_at(walk->nodes.view, record));
+}
+
+/* Loads the spheres at four places: four registers with one number of each. */
+BOXTEST_AVX2_INLINE void load_spheres(const float *const places[LANES], __m256d ret_spheres[4])
+{
+    __m128 rows[LANES];
+    for (int lane = 0; lane < LANES; lane++)
+        rows[lane] = _mm_loadu_ps(places[lane]);
+    _MM_TRANSPOSE4_PS(rows[0], rows[1], rows[2], rows[3]);
+    for (int k = 0; k < 4; k++)
+        ret_spheres[k] = _mm256_cvtps_pd(rows[k]);
+}
+
+/* Does the same for linear swept spheres. */
+BOXTEST_AVX2_INLINE void load_swept(const float *const places[LANES], __m256d ret_first[4], __m256d ret_second[4])
+{
+    __m256 rows[LANES], pairs[LANES];
+    for (int lane = 0; lane < LANES; lane++)
+        rows[lane] = _mm256_loadu_ps(places[lane]);
+    for (int k = 0; k < LANES; k += 2) {
+        pairs[k] = _mm256_unpacklo_ps(rows[k], rows[k + 1]);
+        pairs[k + 1] = _mm256_unpackhi_ps(rows[k], rows[k + 1]);
+    }
+    for (int k = 0; k < 4; k++) {
+        const __m256 both = k % 2 == 0 ? _mm256_shuffle_ps(pairs[k / 2], pairs[k / 2 + 2], _MM_SHUFFLE(1, 0, 1, 0))
+                                       : _mm256_shuffle_ps(pairs[k / 2], pairs[k / 2 + 2], _MM_SHUFFLE(3, 2, 3, 2));
+        ret_first[k] = _mm256_cvtps_pd(_mm256_castps256_ps128(both));
+        ret_second[k] = _mm256_cvtps_pd(_mm256_extractf128_ps(both, 1));
+    }
+}
+
+/* Processes the pairs that hit or are open. Returns false if the ray is finished. */
+BOXTEST_AVX2_INLINE bool decide(const struct round_walk *walk, const uint32_t *records,
+                                const struct round_lanes_hits *hits, bool is_swept)
+{
+    const struct portable_view *view = walk->nodes.view;
+    struct traverse_state *state = walk->nodes.state;
+    double t[LANES], u[LANES];
+    _mm256_storeu_pd(t, hits->t);
+    if (is_swept)
+        _mm256_storeu_pd(u, hits->u);
+    for (unsigned rest = lanes_met(hits); rest != 0; rest &= rest - 1) {
+        const unsigned lane = (unsigned)__builtin_ctz(rest);
+        if (__builtin_expect(hits->open >> lane & 1, 0)) {
+            (is_swept ? round_meet_swept : round_meet_sphere)(state, view, records[lane]);
+        } else if (is_swept && !(hits->hits >> lane & 1)) {
+            round_meet_cap(state, view, records[lane], hits->ends[1] >> lane & 1);
+        } else {
+            const uint32_t id = round_record_at(view, records[lane])->id;
+            traverse_leaf_round(state, records[lane], id & PORTABLE_ID_MASK, id & PORTABLE_ID_OPAQUE, t[lane],
+                                is_swept ? u[lane] : 0);
         }
-        if (near[nearest] > reach_of(walk))
-            return true;
-        bits &= ~(1u << nearest);
-        (is_swept ? round_meet_swept : round_meet_sphere)(state, walk->nodes.view, records[nearest]);
         if (state->is_done)
             return false;
     }
     return true;
 }
 
-__attribute__((noinline)) static void prepare_lanes(struct round_walk *walk, bool is_swept)
+/* Meets up to four records. Returns false if the ray is finished. */
+BOXTEST_AVX2_INLINE bool meet_lanes(struct round_walk *walk, const uint32_t *records, unsigned count, bool is_unpacked,
+                                    bool is_swept)
 {
-    round_prepare(walk->nodes.state, is_swept ? MET_SWEPT_SPHERE : MET_SPHERE);
-    round_lanes_init(walk->nodes.state, is_swept, &walk->lanes);
-    walk->is_prepared = true;
-}
-
-/* Returns those of `count` records that the ray may meet, as bits. There are at most as many as `lanes`. */
-BOXTEST_AVX2_INLINE unsigned meet_lanes(const struct round_walk *walk, const uint32_t *records, unsigned count,
-                                        int lanes, bool is_swept, float ret_near[LANES])
-{
-    const struct portable_view *view = walk->nodes.view;
-    const float *vertices[LANES];
-    unsigned bits;
-    for (unsigned lane = 0; lane < (unsigned)lanes; lane++)
-        vertices[lane] = round_vertex_of(view, round_record_at(view, records[lane < count ? lane : 0]));
+    const float *places[LANES];
+    const unsigned wanted = _bzhi_u32((1u << LANES) - 1, count);
+    const __m256d tmax = _mm256_broadcast_sd(&walk->nodes.state->tmax);
+    struct round_lanes_hits hits;
+    for (unsigned lane = 0; lane < LANES; lane++)
+        places[lane] = shape_of(walk, records[lane], is_unpacked, is_swept);
     if (is_swept) {
-        __m256 ends[8];
-        for (int lane = 0; lane < lanes; lane++)
-            ends[lane] = _mm256_loadu_ps(vertices[lane]);
-        transpose(ends);
-        bits = lanes_meet_swept(&walk->lanes, ends, reach_of(walk), ret_near);
+        __m256d first[4], second[4];
+        load_swept(places, first, second);
+        lanes_meet_swept(&walk->lanes, first, second, tmax, wanted, &hits);
     } else {
-        __m256 spheres[4];
-        load_spheres(vertices, lanes, spheres);
-        bits = lanes_meet_spheres(&walk->lanes, spheres, reach_of(walk), ret_near);
+        __m256d spheres[4];
+        load_spheres(places, spheres);
+        lanes_meet_spheres(&walk->lanes, spheres, tmax, wanted, &hits);
     }
-    return bits & ((1u << count) - 1);
+    return lanes_met(&hits) == 0 || decide(walk, records, &hits, is_swept);
 }
 
-BOXTEST_AVX2_INLINE bool meet_gathered(struct round_walk *walk, struct gathered *gathered, bool is_swept)
+BOXTEST_AVX2_INLINE bool meet_gathered(struct round_walk *walk, const uint32_t *records, unsigned count,
+                                       bool is_unpacked, bool is_swept)
 {
     if (!walk->is_prepared)
         prepare_lanes(walk, is_swept);
-    for (unsigned at = 0; at < gathered->count; at += LANES) {
-        const unsigned count = gathered->count - at < LANES ? gathered->count - at : LANES;
-        const uint32_t *records = &gathered->records[at];
-        float near[LANES];
-        /* Most leaves have few spheres. For linear swept spheres, which are larger, another branch costs too much. */
-        const bool is_few = !is_swept && count <= LANES / 2;
-        const unsigned bits = is_few ? meet_lanes(walk, records, count, LANES / 2, false, near)
-                                     : meet_lanes(walk, records, count, LANES, is_swept, near);
-        if (bits != 0 && !decide(walk, records, bits, near, is_swept))
+    if (!meet_lanes(walk, records, count, is_unpacked, is_swept))
+        return false;
+    for (unsigned at = LANES; __builtin_expect(at < count, 0); at += LANES)
+        if (!meet_lanes(walk, &records[at], count - at, is_unpacked, is_swept))
             return false;
-    }
     return true;
 }
 
-BOXTEST_AVX2_INLINE void gather(struct gathered *gathered, uint32_t first, unsigned count)
+/*
+ * Stores the records of a leaf. Those that follow them in a whole register are stored, too: there are always as many,
+ * since shapes of an unpacked structure are followed by room (unpacked.h).
+ */
+BOXTEST_AVX2_INLINE unsigned store_leaf(uint32_t child, uint32_t *ret_records)
 {
-    /* Only the first `count` remain; to store them all needs no loop whose end is unpredictable. */
-    for (unsigned i = 0; i < PORTABLE_LEAF_MAX; i++)
-        gathered->records[gathered->count + i] = first + i;
-    gathered->count += count;
+    _Static_assert(UNPACKED_SHAPES_ROOM >= SLOTS - 1, "rows after the first one");
+    const __m256i first = _mm256_set1_epi32((int)(child & CHILD_INDEX_MASK));
+    _mm256_storeu_si256((__m256i *)(void *)ret_records,
+                        _mm256_add_epi32(first, _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7)));
+    return (child >> CHILD_KIND_SHIFT) + 1;
+}
+
+/*
+ * Stores the records of leaves, of which there is at least one, and returns their number. A second leaf is stored
+ * without a branch, because whether there is one is unpredictable.
+ */
+BOXTEST_AVX2_INLINE unsigned gather_unpacked(const struct unpacked_node *node, unsigned leaves, uint32_t *ret_records)
+{
+    unsigned rest = leaves & (leaves - 1);
+    unsigned count = store_leaf(node->children[_tzcnt_u32(leaves)], ret_records);
+    const unsigned more = store_leaf(node->children[_tzcnt_u32(rest) % SLOTS], ret_records + count);
+    count += rest ? more : 0;
+    for (rest &= rest - 1; __builtin_expect(rest != 0, 0); rest &= rest - 1)
+        count += store_leaf(node->children[_tzcnt_u32(rest)], ret_records + count);
+    return count;
+}
+
+/* Does the same for a portable node, of which leaves can be empty. Lanes without a record have the last one. */
+BOXTEST_AVX2_INLINE unsigned gather_portable(const struct portable_node *node, unsigned leaves, uint32_t *ret_records)
+{
+    unsigned count = 0;
+    for (; leaves != 0; leaves &= leaves - 1) {
+        const uint32_t meta = node->meta[_tzcnt_u32(leaves)];
+        for (unsigned i = 0; i < (unsigned)__builtin_popcount(meta >> 5); i++)
+            ret_records[count++] = node->first_record + (meta & 31) + i;
+    }
+    for (unsigned lane = 0; count > 0 && lane < LANES - 1; lane++)
+        ret_records[count + lane] = ret_records[count - 1];
+    return count;
 }
 
 /* Tests a node and meets its leaves. Returns its inner children that the ray meets, or sets *ret_is_done. */
-BOXTEST_AVX2_INLINE unsigned enter_node(struct round_walk *walk, uint32_t index, uint32_t near[LANES], bool is_unpacked,
+BOXTEST_AVX2_INLINE unsigned enter_node(struct round_walk *walk, uint32_t index, uint32_t near[SLOTS], bool is_unpacked,
                                         bool is_swept, bool *ret_is_done)
 {
+    /* Keeps the compiler from holding the addresses of the walk's numbers, for which there are too few registers. */
+    __asm__("" : "+r"(walk));
     const struct portable_node *node = &walk->nodes.view->nodes[index];
     const struct unpacked_node *unpacked = is_unpacked ? &walk->nodes.unpacked[index] : NULL;
-    struct gathered gathered;
-    unsigned hits, inner;
-    gathered.count = 0;
-    if (is_unpacked) {
-        hits = test_unpacked(&walk->nodes, unpacked, (float *)near);
-        inner = hits & inner_slots(unpacked);
-    } else {
-        hits = test_boxes(&walk->nodes, node, (float *)near);
-        inner = hits & node->inner_mask;
+    uint32_t records[(PORTABLE_LEAF_MAX + 1) * SLOTS];
+    const unsigned hits = is_unpacked ? test_unpacked(&walk->nodes, unpacked, (float *)near)
+                                      : test_boxes(&walk->nodes, node, (float *)near);
+    const unsigned inners = is_unpacked ? inner_slots(unpacked) : node->inner_mask, leaves = hits & ~inners;
+    if (leaves != 0) {
+        const unsigned count =
+            is_unpacked ? gather_unpacked(unpacked, leaves, records) : gather_portable(node, leaves, records);
+        if ((is_unpacked || count > 0) && !meet_gathered(walk, records, count, is_unpacked, is_swept))
+            *ret_is_done = true;
     }
-    for (unsigned rest = hits & ~inner; rest != 0; rest &= rest - 1) {
-        const unsigned slot = (unsigned)__builtin_ctz(rest);
-        if (is_unpacked) {
-            const uint32_t child = unpacked->children[slot];
-            gather(&gathered, child & CHILD_INDEX_MASK, (child >> CHILD_KIND_SHIFT) + 1);
-        } else {
-            gather(&gathered, node->first_record + (node->meta[slot] & 31),
-                   (unsigned)__builtin_popcount(node->meta[slot] >> 5)); /* none if the slot is empty */
-        }
-    }
-    *ret_is_done = gathered.count > 0 && !meet_gathered(walk, &gathered, is_swept);
-    return inner;
+    return hits & inners;
 }
 
-BOXTEST_AVX2_INLINE void find_closest_in(struct round_walk *walk, bool is_unpacked, bool is_swept)
+/* Returns the node in a slot of an inner child. */
+BOXTEST_AVX2_INLINE uint32_t node_in(const struct round_walk *walk, uint32_t index, unsigned slot, bool is_unpacked)
+{
+    return is_unpacked ? walk->nodes.unpacked[index].children[slot] & CHILD_INDEX_MASK
+                       : inner_child(&walk->nodes.view->nodes[index], slot);
+}
+
+BOXTEST_AVX2_INLINE void prefetch_node(const struct round_walk *walk, uint32_t index, bool is_unpacked)
+{
+    const char *at =
+        is_unpacked ? (const char *)&walk->nodes.unpacked[index] : (const char *)&walk->nodes.view->nodes[index];
+    __builtin_prefetch(at);
+    __builtin_prefetch(at + 64);
+}
+
+BOXTEST_AVX2_INLINE void find_closest_in(struct round_walk *walk, uint32_t start, bool is_unpacked, bool is_swept)
 {
     const struct avx2_walk *nodes = &walk->nodes;
     uint64_t stack[AVX2_STACK_SIZE], *top = stack, visited = 0;
-    uint32_t child = CHILD_ROOT, near[LANES];
-    bool is_done;
+    uint32_t child = CHILD_ROOT | start, near[SLOTS];
+    bool is_done = false;
     for (;;) {
         const uint32_t index = child & CHILD_INDEX_MASK;
         const unsigned inner = enter_node(walk, index, near, is_unpacked, is_swept, &is_done);
         visited++;
         if (is_done)
             break;
-        if (inner != 0) {
+        if (inner != 0)
             child =
                 (uint32_t)(is_unpacked ? push_unpacked(nodes, 0, near, &nodes->unpacked[index], inner, &top)
                                        : push_all_but_nearest(nodes, 0, near, &nodes->view->nodes[index], inner, &top));
-            continue;
-        }
-        if (!pop_child(nodes, stack, &top, &child))
+        else if (!pop_child(nodes, stack, &top, &child))
             break;
     }
     nodes->state->counters.nodes += visited;
 }
 
-/* Finds any hit, with the inner children farthest along the ray's octant first, as for triangles. */
-BOXTEST_AVX2_INLINE void find_any_in(struct round_walk *walk, bool is_unpacked, bool is_swept)
+/* Moves each bit i to bit i ^ backward. */
+static inline unsigned turn_slots(unsigned slots, unsigned backward)
 {
-    const struct avx2_walk *nodes = &walk->nodes;
-    uint32_t stack[AVX2_STACK_SIZE], *top = stack, near[LANES];
+    const unsigned once = backward & 1 ? (slots & 0x55) << 1 | (slots >> 1 & 0x55) : slots,
+                   twice = backward & 2 ? (once & 0x33) << 2 | (once >> 2 & 0x33) : once;
+    return backward & 4 ? (twice & 0x0f) << 4 | twice >> 4 : twice;
+}
+
+/*
+ * Finds any hit, with the inner children farthest along the ray's octant first, as for triangles. Up to two children
+ * are pushed without a branch.
+ */
+BOXTEST_AVX2_INLINE void find_any_in(struct round_walk *walk, uint32_t start, bool is_unpacked, bool is_swept)
+{
+    const unsigned backward = walk->nodes.boxes.backward;
+    uint32_t stack[AVX2_STACK_SIZE + 1], *top = stack, near[SLOTS];
     uint64_t visited = 0;
     bool is_done = false;
-    *top++ = 0;
-    while (top > stack && !is_done) {
+    *top++ = start;
+    while (top > stack) {
         const uint32_t index = *--top;
-        const unsigned inner = enter_node(walk, index, near, is_unpacked, is_swept, &is_done);
+        unsigned inner = enter_node(walk, index, near, is_unpacked, is_swept, &is_done);
         visited++;
-        if (inner != 0)
-            top = is_unpacked
-                      ? push_unpacked_inner(nodes->unpacked, &nodes->unpacked[index], inner, nodes->boxes.backward, top)
-                      : push_inner(&nodes->view->nodes[index], inner, nodes->boxes.backward, top);
+        if (is_done)
+            break;
+        inner = turn_slots(inner, backward);
+        const unsigned count = (unsigned)__builtin_popcount(inner);
+        unsigned rest = inner & (inner - 1);
+        top[0] = node_in(walk, index, (_tzcnt_u32(inner) % SLOTS) ^ backward, is_unpacked);
+        top[1] = node_in(walk, index, (_tzcnt_u32(rest) % SLOTS) ^ backward, is_unpacked);
+        prefetch_node(walk, top[0], is_unpacked);
+        unsigned at = 2;
+        for (rest &= rest - 1; __builtin_expect(rest != 0, 0); rest &= rest - 1) {
+            top[at] = node_in(walk, index, _tzcnt_u32(rest) ^ backward, is_unpacked);
+            prefetch_node(walk, top[at++], is_unpacked);
+        }
+        top += count;
     }
-    nodes->state->counters.nodes += visited;
+    walk->nodes.state->counters.nodes += visited;
 }
 
-BOXTEST_AVX2_INLINE void find_in(struct round_walk *walk, bool is_unpacked, bool is_swept)
+BOXTEST_AVX2 static void find_portable(struct round_walk *walk, bool is_swept)
+{
+    const bool is_any = walk->nodes.state->ray->flags & RAY_TERMINATE_ON_FIRST_HIT;
+    if (is_swept && is_any)
+        find_any_in(walk, 0, false, true);
+    else if (is_swept)
+        find_closest_in(walk, 0, false, true);
+    else if (is_any)
+        find_any_in(walk, 0, false, false);
+    else
+        find_closest_in(walk, 0, false, false);
+}
+
+BOXTEST_AVX2 static void closest_sphere(struct round_walk *walk, uint32_t node)
+{
+    find_closest_in(walk, node, true, false);
+}
+
+BOXTEST_AVX2 static void any_sphere(struct round_walk *walk, uint32_t node)
+{
+    find_any_in(walk, node, true, false);
+}
+
+BOXTEST_AVX2 static void closest_swept(struct round_walk *walk, uint32_t node)
+{
+    find_closest_in(walk, node, true, true);
+}
+
+BOXTEST_AVX2 static void any_swept(struct round_walk *walk, uint32_t node)
+{
+    find_any_in(walk, node, true, true);
+}
+
+static bool is_swept(const struct portable_view *view)
+{
+    return view->header->content == PORTABLE_SWEPT_SPHERES;
+}
+
+void round_walk_closest(struct round_walk *walk, uint32_t node)
+{
+    (is_swept(walk->nodes.view) ? closest_swept : closest_sphere)(walk, node);
+}
+
+void round_walk_any(struct round_walk *walk, uint32_t node)
+{
+    (is_swept(walk->nodes.view) ? any_swept : any_sphere)(walk, node);
+}
+
+static void find_unpacked(struct round_walk *walk)
 {
     if (walk->nodes.state->ray->flags & RAY_TERMINATE_ON_FIRST_HIT)
-        find_any_in(walk, is_unpacked, is_swept);
+        round_walk_any(walk, 0);
     else
-        find_closest_in(walk, is_unpacked, is_swept);
-}
-
-BOXTEST_AVX2 static void find_spheres(struct round_walk *walk)
-{
-    find_in(walk, false, false);
-}
-
-BOXTEST_AVX2 static void find_spheres_unpacked(struct round_walk *walk)
-{
-    find_in(walk, true, false);
-}
-
-BOXTEST_AVX2 static void find_swept(struct round_walk *walk)
-{
-    find_in(walk, false, true);
-}
-
-BOXTEST_AVX2 static void find_swept_unpacked(struct round_walk *walk)
-{
-    find_in(walk, true, true);
+        round_walk_closest(walk, 0);
 }
 
 /* Prepares the box tests. Outside instances the ray is one of floats, which takes less time. */
@@ -257,6 +338,14 @@ BOXTEST_AVX2_INLINE bool prepare_boxes(const struct traverse_state *state, const
     return boxtest_init_avx2(state->origin, state->direction, ray->tmin, bounds, ret_boxes);
 }
 
+/* Begins a ray in an unpacked structure. */
+BOXTEST_AVX2_INLINE void begin_unpacked(struct round_walk *walk, const struct unpacked_node *unpacked)
+{
+    walk->nodes.unpacked = unpacked;
+    walk->nodes.scales = unpacked_scales(&walk->nodes.boxes);
+    walk->shapes = unpacked_shapes(walk->nodes.view, unpacked);
+}
+
 BOXTEST_AVX2 bool traverse_avx2_round(struct traverse_state *state, const struct portable_view *view,
                                       const struct unpacked_node *unpacked)
 {
@@ -265,15 +354,38 @@ BOXTEST_AVX2 bool traverse_avx2_round(struct traverse_state *state, const struct
         return false;
     walk.nodes.state = state;
     walk.nodes.view = view;
-    walk.nodes.unpacked = avx2_walk_can_unpack(state) ? unpacked : NULL;
-    if (walk.nodes.unpacked)
-        walk.nodes.scales = unpacked_scales(&walk.nodes.boxes);
+    walk.nodes.unpacked = NULL;
     walk.is_prepared = false;
-    const bool is_swept = view->header->content == PORTABLE_SWEPT_SPHERES;
-    if (walk.nodes.unpacked)
-        (is_swept ? find_swept_unpacked : find_spheres_unpacked)(&walk);
-    else
-        (is_swept ? find_swept : find_spheres)(&walk);
+    if (unpacked && avx2_walk_can_unpack(state)) {
+        begin_unpacked(&walk, unpacked);
+        find_unpacked(&walk);
+    } else {
+        find_portable(&walk, is_swept(view));
+    }
+    return true;
+}
+
+BOXTEST_AVX2 bool round_walk_begin(struct round_walk *walk, struct traverse_state *state,
+                                   const struct portable_view *view, const struct unpacked_node *unpacked)
+{
+    const struct ray *ray = state->ray;
+    if (!setup_floats(_mm_loadu_ps(ray->origin), _mm_loadu_ps(ray->direction), ray->tmin, view->header->bounds,
+                      &walk->nodes.boxes))
+        return false;
+    walk->nodes.state = state;
+    walk->nodes.view = view;
+    walk->is_prepared = false;
+    begin_unpacked(walk, unpacked);
+    return true;
+}
+
+BOXTEST_AVX2 bool traverse_avx2_round_plain(struct traverse_state *state, const struct portable_view *view,
+                                            const struct unpacked_node *unpacked)
+{
+    struct round_walk walk;
+    if (!round_walk_begin(&walk, state, view, unpacked))
+        return false;
+    find_unpacked(&walk);
     return true;
 }
 
@@ -286,6 +398,12 @@ bool traverse_avx2_round(struct traverse_state *state, const struct portable_vie
     (void)view;
     (void)unpacked;
     return false;
+}
+
+bool traverse_avx2_round_plain(struct traverse_state *state, const struct portable_view *view,
+                               const struct unpacked_node *unpacked)
+{
+    return traverse_avx2_round(state, view, unpacked);
 }
 
 #endif

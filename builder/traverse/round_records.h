@@ -22,6 +22,8 @@ void round_prepare(struct traverse_state *state, enum traverse_kind kind);
 /* Test the ray in the state against one record (leaf_round.c). */
 void round_meet_sphere(struct traverse_state *state, const struct portable_view *view, uint32_t record);
 void round_meet_swept(struct traverse_state *state, const struct portable_view *view, uint32_t record);
+/* Does it for a linear swept sphere of which the ray can enter only the cap of one end, if there is one. */
+void round_meet_cap(struct traverse_state *state, const struct portable_view *view, uint32_t record, unsigned end);
 
 /*
  * Traverses a non-empty bottom level of spheres or linear swept spheres with AVX2 (round_avx2.c), on machines for which
@@ -30,5 +32,9 @@ void round_meet_swept(struct traverse_state *state, const struct portable_view *
  */
 bool traverse_avx2_round(struct traverse_state *state, const struct portable_view *view,
                          const struct unpacked_node *unpacked);
+
+/* Does the same for a plain ray in world space and an unpacked structure, with a state that is settled plainly. */
+bool traverse_avx2_round_plain(struct traverse_state *state, const struct portable_view *view,
+                               const struct unpacked_node *unpacked);
 
 #endif

@@ -169,16 +169,18 @@ static inline bool has_avx2(void)
 
 void traverse_settle(struct scene *scene)
 {
-    scene->is_simple = false;
+    scene->plain = NULL;
     if (scene->top || scene->bottom_count == 0 || !scene->bottoms[0] || !unpacked_of(scene, 0))
         return;
     const struct portable_header *header = scene->bottoms[0]->header;
-    scene->is_simple = header->content == PORTABLE_TRIANGLES && header->node_count > 0 && has_avx2();
+    if (header->node_count > 0 && has_avx2())
+        scene->plain = leaf_kinds[header->content]->walk_plain;
 }
 
 /*
- * Traces a plain ray through a simple scene. Returns false if it needs the general way, else *is_hit. The general way
- * would decide for each ray what is decided for the scene, which takes as long as a ray that leaves it at once.
+ * Traces a plain ray through a scene with a shorter way. Returns false if it needs the general way, else *is_hit. The
+ * general way would decide for each ray what is decided for the scene, which takes as long as a ray that leaves it at
+ * once.
  */
 static inline bool trace_simply(const struct scene *scene, const struct ray *ray, struct ray_hit *ret_hit,
                                 struct traverse_counters *counters, bool *is_hit)
@@ -187,7 +189,7 @@ static inline bool trace_simply(const struct scene *scene, const struct ray *ray
     traverse_state_begin(&walk.state, ray, NULL);
     traverse_walk_begin(&walk, scene);
     traverse_state_settle_plain(&walk.state);
-    if (!traverse_avx2_plain(&walk.state, scene->bottoms[0], scene->unpacked[0]))
+    if (!scene->plain(&walk.state, scene->bottoms[0], scene->unpacked[0]))
         return false;
     *is_hit = traverse_state_finish(&walk.state, ret_hit, counters);
     return true;
@@ -198,7 +200,7 @@ bool traverse(const struct scene *scene, const struct ray *ray, const struct tra
 {
     struct traverse_walk walk;
     bool is_hit;
-    if (scene->is_simple && !options && ray_is_plain(ray) && trace_simply(scene, ray, ret_hit, counters, &is_hit))
+    if (scene->plain && !options && ray_is_plain(ray) && trace_simply(scene, ray, ret_hit, counters, &is_hit))
         return is_hit;
     if (!traverse_state_begin(&walk.state, ray, options))
         return false;

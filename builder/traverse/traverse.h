@@ -26,6 +26,11 @@
 #include "builder/traverse/ray.h"
 #include "builder/traverse/unpacked.h"
 
+/* A shorter way of plain rays through one unpacked structure (leaf_kind.h). */
+struct traverse_state;
+typedef bool (*traverse_plain)(struct traverse_state *state, const struct portable_view *view,
+                               const struct unpacked_node *unpacked);
+
 /*
  * The scene to trace: one bottom level, or a top level with one view for each of its handles (NULL: the instance counts
  * as inactive).
@@ -41,7 +46,7 @@ struct scene {
      */
     const struct unpacked_node *const *unpacked;
     const struct unpacked_node *unpacked_top; /* the nodes of the top level, or NULL */
-    bool is_simple; /* set by traverse_settle(), for a shorter way of plain rays; may stay false */
+    traverse_plain plain; /* set by traverse_settle(), for a shorter way of plain rays; may stay NULL */
 };
 
 /* The any-hit decision about a candidate: whether it counts, and whether the ray ends. */
@@ -92,8 +97,8 @@ bool traverse(const struct scene *scene, const struct ray *ray, const struct tra
               struct ray_hit *ret_hit, struct traverse_counters *counters);
 
 /*
- * Finds out whether the scene is simple: one unpacked structure of triangles without a top level, on a machine with
- * AVX2. Called once, when the other fields are set.
+ * Finds out whether there is a shorter way of plain rays through the scene, which has to be one unpacked structure
+ * without a top level, on a machine with AVX2. Called once, when the other fields are set.
  */
 void traverse_settle(struct scene *scene);
 

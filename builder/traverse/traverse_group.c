@@ -3,6 +3,8 @@
 
 #include <math.h>
 
+#include "builder/traverse/leaf_kind.h"
+
 /* Rays are of one kind if they have one octant, and all search any hit or all the closest. */
 enum { LANES = 8, KINDS = 16, PACKET_MIN = 3 };
 
@@ -82,10 +84,11 @@ static unsigned kind_of(const struct ray *ray)
            (ray->flags & RAY_TERMINATE_ON_FIRST_HIT ? 8 : 0);
 }
 
-/* Returns whether packets can walk through an unpacked structure. */
-static bool is_of_triangles(const struct portable_view *view)
+/* Returns whether packets can walk through an unpacked structure, other than a top level. */
+static bool has_packets(const struct portable_view *view)
 {
-    return view->header->content == PORTABLE_TRIANGLES || view->header->content == PORTABLE_MOVING_TRIANGLES;
+    const struct leaf_kind *kind = leaf_kind_of(view);
+    return kind->is_triangles || kind->shape_floats != 0;
 }
 
 bool traverse_groups_pay(const struct traverse_stream *stream)
@@ -94,7 +97,7 @@ bool traverse_groups_pay(const struct traverse_stream *stream)
     const struct traverse_options *options = stream->options;
     const bool is_unpacked = scene->unpacked && (scene->top ? scene->unpacked_top != NULL
                                                             : scene->bottom_count > 0 && scene->unpacked[0] &&
-                                                                  is_of_triangles(scene->bottoms[0]));
+                                                                  has_packets(scene->bottoms[0]));
     return is_unpacked &&
            (!options ||
             (!options->candidate && !options->flip_order && !options->baseline_only && !options->exact_only)) &&
@@ -183,7 +186,7 @@ static uint64_t trace_packets(struct group *group, uint32_t count, uint64_t plai
 static bool turns_pay(const struct scene *scene, bool is_any)
 {
     enum { MIB = 1 << 20, CORE_CACHES = 6 * MIB, ALL_CACHES = 24 * MIB };
-    if (scene->top)
+    if (scene->top || !leaf_kind_of(scene->bottoms[0])->is_triangles)
         return false;
     const struct portable_header *header = scene->bottoms[0]->header;
     const uint64_t still = (uint64_t)header->node_count * sizeof(struct unpacked_node) +

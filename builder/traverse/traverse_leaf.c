@@ -180,8 +180,29 @@ void traverse_leaf_triangle(struct traverse_state *state, uint32_t record, uint6
         traverse_leaf_hit(state, record, id, is_opaque, &hit);
 }
 
+/* Does for round kinds what take() does for triangles. */
+static inline void take_round(struct traverse_state *state, uint32_t record, uint64_t id, bool is_opaque, double t,
+                              double u)
+{
+    if (!(t > state->ray->tmin && t < state->ray->tmax && is_closer(state, t, id)))
+        return;
+    state->best.t = t;
+    state->best.u = u;
+    state->best.v = 0;
+    state->best.id = id;
+    state->best.record = record;
+    state->best.is_opaque = is_opaque;
+    state->best.front_face = true;
+    state->best.kind = (uint8_t)state->round_kind;
+    shorten(state, t);
+}
+
 void traverse_leaf_round(struct traverse_state *state, uint32_t record, uint64_t id, bool is_opaque, double t, double u)
 {
+    if (state->is_plain) {
+        take_round(state, record, id, is_opaque, t, u);
+        return;
+    }
     const struct traverse_found found = {
         .t = t,
         .u = u,

@@ -4,6 +4,7 @@
 #include <math.h>
 
 #include "builder/traverse/leaf_kind.h"
+#include "builder/traverse/round_records.h"
 
 static float lesser(float a, float b)
 {
@@ -87,8 +88,28 @@ bool unpacked_takes(uint32_t content)
     return leaf_kinds[content]->can_unpack;
 }
 
+uint64_t unpacked_size(const struct portable_header *header)
+{
+    return header->node_count * (uint64_t)sizeof(struct unpacked_node) +
+           ((uint64_t)header->record_count + UNPACKED_SHAPES_ROOM) * leaf_kinds[header->content]->shape_floats *
+               sizeof(float);
+}
+
+/* Copies the vertices of round records. */
+static void fill_shapes(const struct portable_view *view, float *ret_shapes)
+{
+    const uint32_t floats = leaf_kind_of(view)->shape_floats, count = view->header->record_count;
+    if (floats == 0)
+        return;
+    for (uint32_t i = 0; i < count; i++)
+        memcpy(ret_shapes + (uint64_t)floats * i, round_vertex_of(view, round_record_at(view, i)),
+               floats * sizeof(float));
+    memset(ret_shapes + (uint64_t)floats * count, 0, UNPACKED_SHAPES_ROOM * floats * sizeof(float));
+}
+
 void unpacked_fill(const struct portable_view *view, struct unpacked_node *ret_nodes)
 {
+    fill_shapes(view, (float *)(void *)(ret_nodes + view->header->node_count));
     /* Children follow their parents, so that their boxes are known. */
     for (uint32_t index = view->header->node_count; index-- > 0;) {
         const struct portable_node *from = &view->nodes[index];

@@ -8,7 +8,8 @@
  * Structures of triangles, of spheres and of linear swept spheres, and top levels are unpacked. A child's box is the
  * box in the portable node, less what lies outside all primitives below it, or outside the portable boxes of all
  * instances below it. A hit lies in the boxes of the portable nodes above it, which portable.h guarantees, and in the
- * box around its primitive, so that no hit is lost. Spheres and their vertices stay where they are.
+ * box around its primitive, so that no hit is lost. Spheres, and the ends of linear swept spheres, are copied in the
+ * order of their records, so that those of a leaf lie beside each other.
  */
 #ifndef BVHD_UNPACKED_H
 #define BVHD_UNPACKED_H
@@ -39,11 +40,22 @@ static const float unpacked_nowhere = 0x1p61f;
 /* Returns whether structures with that content, an enum portable_content, can be unpacked. */
 bool unpacked_takes(uint32_t content);
 
-/*
- * Unpacks all nodes of a structure for which that is true: header->node_count of them, in time in proportion to
- * its size.
- */
+/* Returns the size in bytes of a structure for which that is true: its nodes, and after them what follows them. */
+uint64_t unpacked_size(const struct portable_header *header);
+
+/* Unpacks a structure for which that is true into that many bytes, in time in proportion to its size. */
 void unpacked_fill(const struct portable_view *view, struct unpacked_node *ret_nodes);
+
+/*
+ * Returns what follows the nodes of spheres and of linear swept spheres: for each record its sphere, of 4 floats, or
+ * its two ends, of 8. After them there is room for UNPACKED_SHAPES_ROOM more, so that they can be read eight at a time.
+ */
+enum { UNPACKED_SHAPES_ROOM = 7 };
+
+static inline const float *unpacked_shapes(const struct portable_view *view, const struct unpacked_node *nodes)
+{
+    return (const float *)(const void *)(nodes + view->header->node_count);
+}
 
 /* A moving node: its boxes at t = 0, and by how much each plane has moved at t = 1. */
 struct unpacked_moving_node {

@@ -41,7 +41,7 @@ static enum bvhd_status unpack(struct cpu_structure *structure, struct bvhd_erro
         return unpack_moving(structure, error);
     if (!unpacked_takes(header->content) || header->node_count == 0 || !boxtest_has_avx2())
         return BVHD_OK;
-    structure->unpacked = memory_array(&library_memory, header->node_count, sizeof *structure->unpacked);
+    structure->unpacked = memory_alloc(&library_memory, unpacked_size(header));
     if (!structure->unpacked)
         return bvhd_error_no_memory(error, "data", "no memory to unpack %" PRIu32 " nodes", header->node_count);
     unpacked_fill(&structure->view.portable, structure->unpacked);

@@ -7,6 +7,7 @@
 
 #include <float.h>
 
+#include "builder/traverse/traverse_group.h"
 #include "tests/support/builder/round_judge.h"
 #include "tests/support/builder/test_scene.h"
 #include "tests/support/random.h"
@@ -162,11 +163,12 @@ static void unpack(struct bed *bed)
         if (view->header->content < PORTABLE_SPHERES)
             continue;
         assert_true(unpacked_takes(view->header->content));
-        bed->nodes[i] = calloc(view->header->node_count + 1, sizeof *bed->nodes[i]);
+        bed->nodes[i] = calloc(1, unpacked_size(view->header) + 1);
         assert_non_null(bed->nodes[i]);
         unpacked_fill(view, bed->nodes[i]);
     }
     bed->unpacked.unpacked = (const struct unpacked_node *const *)bed->nodes;
+    traverse_settle(&bed->unpacked);
 }
 
 static void finish_bed(struct bed *bed)
@@ -190,6 +192,9 @@ static bool trace_all_ways(const struct bed *bed, const struct ray *ray, struct 
         if (is_hit)
             assert_true(test_scene_same_hit(&hit, ret_hit));
     }
+    assert_int_equal(traverse(&bed->unpacked, ray, NULL, &hit, NULL), is_hit); /* the shorter way of plain rays */
+    if (is_hit)
+        assert_true(test_scene_same_hit(&hit, ret_hit));
     any.flags |= RAY_TERMINATE_ON_FIRST_HIT;
     assert_int_equal(traverse(&bed->scene.scene, &any, NULL, &hit, NULL), is_hit);
     assert_int_equal(traverse(&bed->unpacked, &any, NULL, &hit, NULL), is_hit);
@@ -244,6 +249,90 @@ static void test_one_level(void **state)
                     check_hit(&hit, &expected);
             }
             assert_true(sure > RAYS - RAYS / 50 && hits > RAYS / 30);
+            finish_bed(&bed);
+            finish_matter(&matter);
+        }
+}
+
+enum { GROUPS = 24 };
+
+/*
+ * Makes the rays of a group: from one point to its neighbours; from there in one direction; away from a surface; or
+ * from anywhere. Some have no part along an axis, or a tmin that packets do not take.
+ */
+static void make_group(struct random *random, const struct bed *bed, double size, uint32_t group,
+                       struct ray ret_rays[TRAVERSE_GROUP])
+{
+    const struct ray first = make_ray(random, size);
+    for (uint32_t i = 0; i < TRAVERSE_GROUP; i++) {
+        struct ray *ray = &ret_rays[i], other = make_ray(random, size);
+        struct ray_hit hit;
+        *ray = group % 4 == 3 ? other : first;
+        if (group % 4 != 3)
+            ray->tmax = i % 5 == 0 ? first.tmax : FLT_MAX;
+        for (int k = 0; k < 3; k++) {
+            ray->direction[k] += group % 4 == 0 ? 0.05f * other.direction[k] : 0;
+            ray->origin[k] += group % 4 == 1 ? 0.03f * other.origin[k] : 0;
+        }
+        if (group % 4 == 2 && traverse(&bed->scene.scene, &other, NULL, &hit, NULL))
+            for (int k = 0; k < 3; k++) {
+                ray->origin[k] = other.origin[k] + hit.t * other.direction[k];
+                ray->direction[k] = other.direction[(k + 1) % 3];
+            }
+        if (i % 32 == 7)
+            ray->direction[i % 3] = 0;
+        if (i % 32 == 9)
+            ray->tmin = -0.5f;
+        if (i % 32 == 11)
+            ray->flags = RAY_CULL_OPAQUE;
+    }
+}
+
+/* Traces groups of rays, most of them in packets. Returns how many hit. */
+static int compare_groups(struct random *random, const struct bed *bed, double size, uint32_t flags)
+{
+    struct traverse_stream stream = {.scene = &bed->unpacked};
+    struct ray rays[TRAVERSE_GROUP];
+    struct ray_hit hits[TRAVERSE_GROUP], expected;
+    int found = 0;
+    for (uint32_t group = 0; group < GROUPS; group++) {
+        const uint32_t count = group % 7 == 6 ? 5 : TRAVERSE_GROUP;
+        make_group(random, bed, size, group, rays);
+        for (uint32_t i = 0; i < count; i++)
+            rays[i].flags |= flags;
+        stream.alone = group % 8 == 7 ? count : 0;
+        const uint64_t is_hit = traverse_group(&stream, rays, count, hits);
+        for (uint32_t i = 0; i < count; i++) {
+            const bool is_expected = traverse(&bed->scene.scene, &rays[i], NULL, &expected, NULL);
+            assert_int_equal(is_hit >> i & 1, is_expected);
+            found += is_expected;
+            if (is_expected)
+                assert_true(test_scene_same_hit(&hits[i], &expected));
+        }
+    }
+    return found;
+}
+
+/* Rays in groups have the answers of single rays, to the last bit. */
+static void test_groups(void **state)
+{
+    (void)state;
+    enum { COUNT = 3000 };
+    struct random random = {3};
+    for (enum kind kind = BALLS; kind < KINDS; kind++)
+        for (int manner = 0; manner < 4; manner++) {
+            const double size = manner == 2 ? 1e12 : 10;
+            struct matter matter = make_matter(&random, COUNT, size, manner % 2 ? 0.05 : 0.01, kind == CHAIN);
+            const struct geometry geometry = geometry_of(&matter, kind, manner != 1, manner == 3 ? GEOMETRY_OPAQUE : 0);
+            struct bed bed;
+            test_scene_init(&bed.scene);
+            test_scene_add(&bed.scene, &geometry, 1, 0);
+            unpack(&bed);
+            const struct traverse_stream stream = {.scene = &bed.unpacked};
+            assert_int_equal(traverse_groups_pay(&stream), boxtest_has_avx2());
+            const int found = compare_groups(&random, &bed, size, 0);
+            assert_true(found > GROUPS * TRAVERSE_GROUP / 20 && found < GROUPS * TRAVERSE_GROUP * 19 / 20);
+            compare_groups(&random, &bed, size, RAY_TERMINATE_ON_FIRST_HIT);
             finish_bed(&bed);
             finish_matter(&matter);
         }
@@ -392,10 +481,8 @@ static void test_callback(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_one_level),
-        cmocka_unit_test(test_instances),
-        cmocka_unit_test(test_flags),
-        cmocka_unit_test(test_callback),
+        cmocka_unit_test(test_one_level), cmocka_unit_test(test_groups),   cmocka_unit_test(test_instances),
+        cmocka_unit_test(test_flags),     cmocka_unit_test(test_callback),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

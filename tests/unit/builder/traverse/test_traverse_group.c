@@ -100,7 +100,7 @@ static void huge(struct random *random, uint32_t index, float ret_corners[3][3])
 
 static struct unpacked_node *unpack(const struct portable_view *view)
 {
-    struct unpacked_node *nodes = calloc(view->header->node_count, sizeof *nodes);
+    struct unpacked_node *nodes = calloc(1, unpacked_size(view->header));
     assert_non_null(nodes);
     unpacked_fill(view, nodes);
     return nodes;
