@@ -70,28 +70,43 @@ BOXTEST_INLINE float lesser(float a, float b)
     return a < b ? a : b;
 }
 
+/*
+ * Where a ray meets the planes of a node's grid: plane q along an axis between q * step + lo and q * step + hi. The
+ * planes that it meets first and last are the eight bytes at near and far.
+ */
+struct grid_steps {
+    float lo[3], hi[3], step[3];
+    const uint8_t *near[3], *far[3];
+};
+
+BOXTEST_INLINE struct grid_steps grid_steps_of(const struct boxtest_ray *ray, const struct portable_node *node)
+{
+    struct grid_steps grid;
+    for (int axis = 0; axis < 3; axis++) {
+        float offset = (node->origin[axis] - ray->origin[axis]) * ray->inverse[axis];
+        grid.step[axis] = boxtest_scale(node->exponent[axis]) * ray->inverse[axis];
+        float error = boxtest_gamma * (fabsf(offset) + 255.0f * fabsf(grid.step[axis])) + ray->slack[axis];
+        grid.lo[axis] = offset - error;
+        grid.hi[axis] = offset + error;
+        grid.near[axis] = (const uint8_t *)node + ray->planes->near[axis];
+        grid.far[axis] = (const uint8_t *)node + ray->planes->far[axis];
+    }
+    return grid;
+}
+
 /* Implements boxtest_float(). */
 BOXTEST_INLINE unsigned kernel_float(const struct boxtest_ray *ray, const struct portable_node *node, float tmax,
                                      float ret_near[8])
 {
-    float lo[3], hi[3], step[3];
-    const uint8_t *near_planes[3], *far_planes[3];
-    for (int axis = 0; axis < 3; axis++) {
-        float offset = (node->origin[axis] - ray->origin[axis]) * ray->inverse[axis];
-        step[axis] = boxtest_scale(node->exponent[axis]) * ray->inverse[axis];
-        float error = boxtest_gamma * (fabsf(offset) + 255.0f * fabsf(step[axis])) + ray->slack[axis];
-        lo[axis] = offset - error;
-        hi[axis] = offset + error;
-        near_planes[axis] = (const uint8_t *)node + ray->planes->near[axis];
-        far_planes[axis] = (const uint8_t *)node + ray->planes->far[axis];
-    }
+    const struct grid_steps grid = grid_steps_of(ray, node);
+    const float *lo = grid.lo, *hi = grid.hi, *step = grid.step;
     unsigned hits = 0;
     for (unsigned s = 0; s < 8; s++) {
         float near =
-            greater(greater((float)near_planes[0][s] * step[0] + lo[0], (float)near_planes[1][s] * step[1] + lo[1]),
-                    greater((float)near_planes[2][s] * step[2] + lo[2], ray->tmin));
-        float far = lesser(lesser((float)far_planes[0][s] * step[0] + hi[0], (float)far_planes[1][s] * step[1] + hi[1]),
-                           lesser((float)far_planes[2][s] * step[2] + hi[2], tmax));
+            greater(greater((float)grid.near[0][s] * step[0] + lo[0], (float)grid.near[1][s] * step[1] + lo[1]),
+                    greater((float)grid.near[2][s] * step[2] + lo[2], ray->tmin));
+        float far = lesser(lesser((float)grid.far[0][s] * step[0] + hi[0], (float)grid.far[1][s] * step[1] + hi[1]),
+                           lesser((float)grid.far[2][s] * step[2] + hi[2], tmax));
         hits |= (unsigned)(near <= far && node->meta[s] != 0) << s;
         ret_near[s] = near;
     }
@@ -108,6 +123,24 @@ BOXTEST_INLINE bool is_beside(double offset, double lo, double hi, double moved)
     return offset + lo <= slack && offset + hi >= -slack;
 }
 
+/*
+ * Narrows near .. far to what a ray has of a box along one axis, whose planes are at offset + lo and offset + hi from
+ * its origin. Returns false if the ray is parallel and beside it.
+ */
+BOXTEST_INLINE bool narrow_double(const struct boxtest_exact *ray, int axis, double offset, double lo, double hi,
+                                  double *near, double *far)
+{
+    if (ray->parallel_axes >> axis & 1)
+        return is_beside(offset, lo, hi, ray->parallel_slack[axis]);
+    const double inverse = ray->inverse[axis];
+    const double first = (offset + (inverse < 0 ? hi : lo)) * inverse,
+                 last = (offset + (inverse < 0 ? lo : hi)) * inverse;
+    const double error = boxtest_gamma_double * ((fabs(offset) + fabs(hi)) * fabs(inverse)) + ray->slack[axis];
+    *near = fmax(*near, first - error);
+    *far = fmin(*far, last + error);
+    return true;
+}
+
 /* Implements boxtest_double(). */
 BOXTEST_INLINE unsigned kernel_double(const struct boxtest_exact *ray, const struct portable_node *node, double tmax,
                                       double ret_near[8])
@@ -115,21 +148,13 @@ BOXTEST_INLINE unsigned kernel_double(const struct boxtest_exact *ray, const str
     unsigned hits = 0;
     for (unsigned s = 0; s < 8; s++) {
         double near = ray->tmin, far = tmax;
-        bool beside = node->meta[s] != 0;
+        bool reaches = node->meta[s] != 0;
         for (int axis = 0; axis < 3; axis++) {
             double offset = node->origin[axis] - ray->origin[axis], scale = boxtest_scale(node->exponent[axis]);
-            double lo = node->lo[axis][s] * scale, hi = node->hi[axis][s] * scale, inverse = ray->inverse[axis];
-            if (ray->parallel_axes >> axis & 1) {
-                beside = beside && is_beside(offset, lo, hi, ray->parallel_slack[axis]);
-                continue;
-            }
-            double first = (offset + (inverse < 0 ? hi : lo)) * inverse,
-                   last = (offset + (inverse < 0 ? lo : hi)) * inverse;
-            double error = boxtest_gamma_double * ((fabs(offset) + fabs(hi)) * fabs(inverse)) + ray->slack[axis];
-            near = fmax(near, first - error);
-            far = fmin(far, last + error);
+            double lo = node->lo[axis][s] * scale, hi = node->hi[axis][s] * scale;
+            reaches = narrow_double(ray, axis, offset, lo, hi, &near, &far) && reaches;
         }
-        hits |= (unsigned)(beside && near <= far) << s;
+        hits |= (unsigned)(reaches && near <= far) << s;
         ret_near[s] = near;
     }
     return hits;
@@ -182,44 +207,74 @@ BOXTEST_AVX2_INLINE __m256 load_planes(const struct portable_node *node, uint32_
         _mm256_cvtepu8_epi32(_mm_loadl_epi64((const __m128i *)(const void *)((const char *)node + at))));
 }
 
-/* Computes each child's interval along one axis; every lane of `exponents` holds the node's exponents. */
+/* The planes of a node's children that a ray meets first and last, along each axis. */
+struct spans {
+    __m256i near[3], far[3];
+};
+
+/*
+ * Computes each child's interval along one axis, from its planes in steps of the grid; every lane of `exponents` holds
+ * the node's exponents.
+ */
 BOXTEST_AVX2_INLINE void span_avx2(const struct boxtest_ray *ray, const struct portable_node *node, int axis,
-                                   __m256i exponents, __m256i *ret_near, __m256i *ret_far)
+                                   __m256i exponents, __m256 near, __m256 far, struct spans *spans)
 {
     __m256 offset = _mm256_sub_ps(_mm256_broadcast_ss(&node->origin[axis]), _mm256_broadcast_ss(&ray->origin[axis]));
     __m256 inverse = _mm256_broadcast_ss(&ray->inverse[axis]), slack = _mm256_broadcast_ss(&ray->common_slack[axis]);
     __m256 lo = _mm256_fmsub_ps(offset, inverse, slack), hi = _mm256_fmadd_ps(offset, inverse, slack);
     __m256i scale = _mm256_and_si256(_mm256_slli_epi32(exponents, 23 - 8 * axis), _mm256_set1_epi32(0xff << 23));
     __m256 steps = _mm256_mul_ps(_mm256_castsi256_ps(scale), inverse);
-    *ret_near = _mm256_castps_si256(_mm256_fmadd_ps(load_planes(node, ray->planes->near[axis]), steps, lo));
-    *ret_far = _mm256_castps_si256(_mm256_fmadd_ps(load_planes(node, ray->planes->far[axis]), steps, hi));
+    spans->near[axis] = _mm256_castps_si256(_mm256_fmadd_ps(near, steps, lo));
+    spans->far[axis] = _mm256_castps_si256(_mm256_fmadd_ps(far, steps, hi));
 }
 
 /*
- * Works like boxtest_avx2(), but the result can contain empty slots, and it ignores parallel axes. Distances are
- * compared as integers, which is faster: floats have the same order as integers unless both are negative. Of two
- * negative floats the larger integer is the lesser float, so that intervals never become shorter.
+ * Returns the children of which the ray has something along all axes. Distances are compared as integers, which is
+ * faster: floats have the same order as integers unless both are negative. Of two negative floats the larger integer is
+ * the lesser float, so that intervals never become shorter.
  */
+BOXTEST_AVX2_INLINE unsigned meet_spans(const struct boxtest_ray *ray, const struct spans *spans, float tmax,
+                                        float ret_near[8])
+{
+    const __m256i *near = spans->near, *far = spans->far;
+    const __m256i first = _mm256_max_epi32(_mm256_max_epi32(near[0], near[1]),
+                                           _mm256_max_epi32(near[2], _mm256_castps_si256(_mm256_set1_ps(ray->tmin))));
+    const __m256i last = _mm256_min_epi32(_mm256_min_epi32(far[0], far[1]),
+                                          _mm256_min_epi32(far[2], _mm256_castps_si256(_mm256_set1_ps(tmax))));
+    _mm256_storeu_si256((__m256i *)(void *)ret_near, first);
+    return (unsigned)_mm256_movemask_ps(
+        _mm256_cmp_ps(_mm256_castsi256_ps(first), _mm256_castsi256_ps(last), _CMP_LE_OQ));
+}
+
+/* Returns whether a step of a node with these exponents is too small for the bound that is common to all nodes. */
+BOXTEST_AVX2_INLINE bool is_fine(const struct boxtest_ray *ray, int exponents)
+{
+    const __m128 scale = _mm_castsi128_ps(_mm_slli_epi32(_mm_cvtepu8_epi32(_mm_cvtsi32_si128(exponents)), 23));
+    const __m128 is_small =
+        _mm_and_ps(_mm_cmplt_ps(scale, _mm_load_ps(ray->wide_scale)), _mm_cmpgt_ps(scale, _mm_setzero_ps()));
+    return _mm_movemask_ps(is_small) != 0;
+}
+
+/* Removes empty slots from `hits`. */
+BOXTEST_AVX2_INLINE unsigned without_empty(const struct portable_node *node, unsigned hits)
+{
+    const __m128i meta = _mm_loadl_epi64((const __m128i *)(const void *)node->meta);
+    return hits & ~(unsigned)_mm_movemask_epi8(_mm_cmpeq_epi8(meta, _mm_setzero_si128()));
+}
+
+/* Works like boxtest_avx2(), but the result can contain empty slots, and it ignores parallel axes. */
 BOXTEST_AVX2_INLINE unsigned kernel_avx2_slots(const struct boxtest_ray *ray, const struct portable_node *node,
                                                float tmax, float ret_near[8])
 {
-    int exponents = (int)bytes_get32(node->exponent); /* the fourth lane holds the inner mask, which is unused */
-    __m128 scale = _mm_castsi128_ps(_mm_slli_epi32(_mm_cvtepu8_epi32(_mm_cvtsi32_si128(exponents)), 23));
-    __m128 is_small =
-        _mm_and_ps(_mm_cmplt_ps(scale, _mm_load_ps(ray->wide_scale)), _mm_cmpgt_ps(scale, _mm_setzero_ps()));
-    if (__builtin_expect(_mm_movemask_ps(is_small), 0))
+    const int exponents = (int)bytes_get32(node->exponent); /* the fourth lane holds the inner mask, which is unused */
+    if (__builtin_expect(is_fine(ray, exponents), 0))
         return boxtest_float(ray, node, tmax, ret_near);
-
-    __m256i near_x, near_y, near_z, far_x, far_y, far_z, all = _mm256_set1_epi32(exponents);
-    span_avx2(ray, node, 0, all, &near_x, &far_x);
-    span_avx2(ray, node, 1, all, &near_y, &far_y);
-    span_avx2(ray, node, 2, all, &near_z, &far_z);
-    __m256i near = _mm256_max_epi32(_mm256_max_epi32(near_x, near_y),
-                                    _mm256_max_epi32(near_z, _mm256_castps_si256(_mm256_set1_ps(ray->tmin))));
-    __m256i far = _mm256_min_epi32(_mm256_min_epi32(far_x, far_y),
-                                   _mm256_min_epi32(far_z, _mm256_castps_si256(_mm256_set1_ps(tmax))));
-    _mm256_storeu_si256((__m256i *)(void *)ret_near, near);
-    return (unsigned)_mm256_movemask_ps(_mm256_cmp_ps(_mm256_castsi256_ps(near), _mm256_castsi256_ps(far), _CMP_LE_OQ));
+    const __m256i all = _mm256_set1_epi32(exponents);
+    struct spans spans;
+    for (int axis = 0; axis < 3; axis++)
+        span_avx2(ray, node, axis, all, load_planes(node, ray->planes->near[axis]),
+                  load_planes(node, ray->planes->far[axis]), &spans);
+    return meet_spans(ray, &spans, tmax, ret_near);
 }
 
 /*
@@ -259,30 +314,23 @@ BOXTEST_AVX2_INLINE __m256 unpacked_planes_at(const struct unpacked_node *node, 
 BOXTEST_AVX2_INLINE unsigned kernel_unpacked(const struct boxtest_ray *ray, const struct boxtest_scales *scales,
                                              const struct unpacked_node *node, float tmax, float ret_near[8])
 {
-    __m256i near[3], far[3];
+    struct spans spans;
     for (int axis = 0; axis < 3; axis++) {
         const __m256 origin = _mm256_broadcast_ss(&ray->origin[axis]), slack = _mm256_broadcast_ss(&ray->slack[axis]);
         const __m256 first = _mm256_sub_ps(unpacked_planes_at(node, scales->near_at[axis]), origin);
         const __m256 last = _mm256_sub_ps(unpacked_planes_at(node, scales->far_at[axis]), origin);
-        near[axis] = _mm256_castps_si256(_mm256_fmsub_ps(first, _mm256_broadcast_ss(&scales->inner[axis]), slack));
-        far[axis] = _mm256_castps_si256(_mm256_fmadd_ps(last, _mm256_broadcast_ss(&scales->outer[axis]), slack));
+        spans.near[axis] =
+            _mm256_castps_si256(_mm256_fmsub_ps(first, _mm256_broadcast_ss(&scales->inner[axis]), slack));
+        spans.far[axis] = _mm256_castps_si256(_mm256_fmadd_ps(last, _mm256_broadcast_ss(&scales->outer[axis]), slack));
     }
-    __m256i first = _mm256_max_epi32(_mm256_max_epi32(near[0], near[1]),
-                                     _mm256_max_epi32(near[2], _mm256_castps_si256(_mm256_set1_ps(ray->tmin))));
-    __m256i last = _mm256_min_epi32(_mm256_min_epi32(far[0], far[1]),
-                                    _mm256_min_epi32(far[2], _mm256_castps_si256(_mm256_set1_ps(tmax))));
-    _mm256_storeu_si256((__m256i *)(void *)ret_near, first);
-    return (unsigned)_mm256_movemask_ps(
-        _mm256_cmp_ps(_mm256_castsi256_ps(first), _mm256_castsi256_ps(last), _CMP_LE_OQ));
+    return meet_spans(ray, &spans, tmax, ret_near);
 }
 
 /* Implements boxtest_avx2(). */
 BOXTEST_AVX2_INLINE unsigned kernel_avx2(const struct boxtest_ray *ray, const struct portable_node *node, float tmax,
                                          float ret_near[8])
 {
-    unsigned hits = kernel_avx2_slots(ray, node, tmax, ret_near);
-    __m128i meta = _mm_loadl_epi64((const __m128i *)(const void *)node->meta);
-    hits &= ~(unsigned)_mm_movemask_epi8(_mm_cmpeq_epi8(meta, _mm_setzero_si128()));
+    const unsigned hits = without_empty(node, kernel_avx2_slots(ray, node, tmax, ret_near));
     return __builtin_expect(ray->parallel_axes != 0, 0) ? boxtest_beside(ray, node, hits) : hits;
 }
 

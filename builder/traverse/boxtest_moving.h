@@ -74,26 +74,15 @@ BOXTEST_INLINE unsigned kernel_moving_float(const struct boxtest_moving *moving,
                                             const struct portable_moving_node *node, float tmax, float ret_near[8])
 {
     const struct boxtest_ray *ray = &moving->still;
-    const struct portable_node *grid = &node->start;
-    float lo[3], hi[3], step[3];
-    const uint8_t *near_planes[3], *far_planes[3];
-    for (int axis = 0; axis < 3; axis++) {
-        float offset = (grid->origin[axis] - ray->origin[axis]) * ray->inverse[axis];
-        step[axis] = boxtest_scale(grid->exponent[axis]) * ray->inverse[axis];
-        float error = boxtest_gamma * (fabsf(offset) + 255.0f * fabsf(step[axis])) + ray->slack[axis];
-        lo[axis] = offset - error;
-        hi[axis] = offset + error;
-        near_planes[axis] = (const uint8_t *)node + ray->planes->near[axis];
-        far_planes[axis] = (const uint8_t *)node + ray->planes->far[axis];
-    }
+    const struct grid_steps grid = grid_steps_of(ray, &node->start);
     unsigned hits = 0;
     for (unsigned s = 0; s < 8; s++) {
         float near = ray->tmin, far = tmax;
         for (int axis = 0; axis < 3; axis++) {
-            near = greater(moving_plane(near_planes[axis], s, moving->at) * step[axis] + lo[axis], near);
-            far = lesser(moving_plane(far_planes[axis], s, moving->at) * step[axis] + hi[axis], far);
+            near = greater(moving_plane(grid.near[axis], s, moving->at) * grid.step[axis] + grid.lo[axis], near);
+            far = lesser(moving_plane(grid.far[axis], s, moving->at) * grid.step[axis] + grid.hi[axis], far);
         }
-        hits |= (unsigned)(near <= far && grid->meta[s] != 0) << s;
+        hits |= (unsigned)(near <= far && node->start.meta[s] != 0) << s;
         ret_near[s] = near;
     }
     return ray->parallel_axes ? boxtest_moving_beside(moving, node, hits) : hits;
@@ -108,23 +97,14 @@ BOXTEST_INLINE unsigned kernel_moving_double(const struct boxtest_moving_exact *
     unsigned hits = 0;
     for (unsigned s = 0; s < 8; s++) {
         double near = ray->tmin, far = tmax;
-        bool beside = grid->meta[s] != 0;
+        bool reaches = grid->meta[s] != 0;
         for (int axis = 0; axis < 3; axis++) {
             double offset = grid->origin[axis] - ray->origin[axis], scale = boxtest_scale(grid->exponent[axis]);
             double lo = (grid->lo[axis][s] * start + node->end_lo[axis][s] * end) * scale;
             double hi = (grid->hi[axis][s] * start + node->end_hi[axis][s] * end) * scale;
-            double inverse = ray->inverse[axis];
-            if (ray->parallel_axes >> axis & 1) {
-                beside = beside && is_beside(offset, lo, hi, ray->parallel_slack[axis]);
-                continue;
-            }
-            double first = (offset + (inverse < 0 ? hi : lo)) * inverse,
-                   last = (offset + (inverse < 0 ? lo : hi)) * inverse;
-            double error = boxtest_gamma_double * ((fabs(offset) + fabs(hi)) * fabs(inverse)) + ray->slack[axis];
-            near = fmax(near, first - error);
-            far = fmin(far, last + error);
+            reaches = narrow_double(ray, axis, offset, lo, hi, &near, &far) && reaches;
         }
-        hits |= (unsigned)(beside && near <= far) << s;
+        hits |= (unsigned)(reaches && near <= far) << s;
         ret_near[s] = near;
     }
     return hits;
@@ -141,47 +121,20 @@ BOXTEST_AVX2_INLINE __m256 load_moving_planes(const struct boxtest_moving *movin
                            _mm256_mul_ps(start, _mm256_broadcast_ss(&moving->at.start)));
 }
 
-/* Computes each child's interval along one axis, as span_avx2() does. */
-BOXTEST_AVX2_INLINE void span_moving(const struct boxtest_moving *moving, const struct portable_moving_node *node,
-                                     int axis, __m256i exponents, __m256i *ret_near, __m256i *ret_far)
-{
-    const struct boxtest_ray *ray = &moving->still;
-    __m256 offset =
-        _mm256_sub_ps(_mm256_broadcast_ss(&node->start.origin[axis]), _mm256_broadcast_ss(&ray->origin[axis]));
-    __m256 inverse = _mm256_broadcast_ss(&ray->inverse[axis]), slack = _mm256_broadcast_ss(&ray->common_slack[axis]);
-    __m256 lo = _mm256_fmsub_ps(offset, inverse, slack), hi = _mm256_fmadd_ps(offset, inverse, slack);
-    __m256i scale = _mm256_and_si256(_mm256_slli_epi32(exponents, 23 - 8 * axis), _mm256_set1_epi32(0xff << 23));
-    __m256 steps = _mm256_mul_ps(_mm256_castsi256_ps(scale), inverse);
-    __m256 near = load_moving_planes(moving, node, ray->planes->near[axis]),
-           far = load_moving_planes(moving, node, ray->planes->far[axis]);
-    *ret_near = _mm256_castps_si256(_mm256_fmadd_ps(near, steps, lo));
-    *ret_far = _mm256_castps_si256(_mm256_fmadd_ps(far, steps, hi));
-}
-
 /* Does for a moving node what kernel_avx2() does, without empty slots and with parallel axes. */
 BOXTEST_AVX2_INLINE unsigned kernel_moving_avx2(const struct boxtest_moving *moving,
                                                 const struct portable_moving_node *node, float tmax, float ret_near[8])
 {
     const struct boxtest_ray *ray = &moving->still;
-    int exponents = (int)bytes_get32(node->start.exponent); /* the fourth lane holds the inner mask, which is unused */
-    __m128 scale = _mm_castsi128_ps(_mm_slli_epi32(_mm_cvtepu8_epi32(_mm_cvtsi32_si128(exponents)), 23));
-    __m128 is_small =
-        _mm_and_ps(_mm_cmplt_ps(scale, _mm_load_ps(ray->wide_scale)), _mm_cmpgt_ps(scale, _mm_setzero_ps()));
-    if (__builtin_expect(_mm_movemask_ps(is_small), 0))
+    const int exponents = (int)bytes_get32(node->start.exponent); /* the fourth lane, the inner mask, is unused */
+    if (__builtin_expect(is_fine(ray, exponents), 0))
         return boxtest_moving_float(moving, node, tmax, ret_near);
-
-    __m256i near[3], far[3], all = _mm256_set1_epi32(exponents);
+    const __m256i all = _mm256_set1_epi32(exponents);
+    struct spans spans;
     for (int axis = 0; axis < 3; axis++)
-        span_moving(moving, node, axis, all, &near[axis], &far[axis]);
-    __m256i first = _mm256_max_epi32(_mm256_max_epi32(near[0], near[1]),
-                                     _mm256_max_epi32(near[2], _mm256_castps_si256(_mm256_set1_ps(ray->tmin))));
-    __m256i last = _mm256_min_epi32(_mm256_min_epi32(far[0], far[1]),
-                                    _mm256_min_epi32(far[2], _mm256_castps_si256(_mm256_set1_ps(tmax))));
-    _mm256_storeu_si256((__m256i *)(void *)ret_near, first);
-    unsigned hits =
-        (unsigned)_mm256_movemask_ps(_mm256_cmp_ps(_mm256_castsi256_ps(first), _mm256_castsi256_ps(last), _CMP_LE_OQ));
-    __m128i meta = _mm_loadl_epi64((const __m128i *)(const void *)node->start.meta);
-    hits &= ~(unsigned)_mm_movemask_epi8(_mm_cmpeq_epi8(meta, _mm_setzero_si128()));
+        span_avx2(ray, &node->start, axis, all, load_moving_planes(moving, node, ray->planes->near[axis]),
+                  load_moving_planes(moving, node, ray->planes->far[axis]), &spans);
+    const unsigned hits = without_empty(&node->start, meet_spans(ray, &spans, tmax, ret_near));
     return __builtin_expect(ray->parallel_axes != 0, 0) ? boxtest_moving_beside(moving, node, hits) : hits;
 }
 
