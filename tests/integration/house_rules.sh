@@ -46,6 +46,7 @@ builder/kernel              proto/base builder/format
 builder/input               proto/base builder/format builder/kernel builder/context.h
 builder/piece               proto/base builder/format builder/kernel
 builder/wide                proto/base builder/format
+builder/micromap            proto/base builder/format builder/context.h
 builder/top                 proto/base builder/format builder/kernel builder/input builder/piece builder/wide
 builder                     proto/base builder/format builder/kernel builder/input builder/piece builder/wide
                             builder/top
