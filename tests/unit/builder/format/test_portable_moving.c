@@ -9,7 +9,7 @@
 
 #include "builder/format/portable_records.h"
 #include "builder/workers.h"
-#include "tests/support/builder/test_blob.h"
+#include "tests/support/builder/portable_bed.h"
 
 /* With three geometries or more, one of motion triangles stands still. */
 static const struct test_shape shapes[] = {
@@ -39,17 +39,6 @@ static const struct test_shape shapes[] = {
 };
 
 enum { SHAPES = sizeof shapes / sizeof *shapes, TRIANGLE_SHAPES = 4 };
-
-static struct portable_view open_view(struct bytes blob)
-{
-    struct memory memory;
-    struct portable_view view;
-    struct bvhd_error error;
-    memory_init(&memory, UINT64_MAX);
-    if (portable_open(blob, &memory, &view, &error) != BVHD_OK)
-        fail_msg("%s: %s", error.where, error.text);
-    return view;
-}
 
 static const struct portable_indexed_triangle *triangle_at(const struct portable_view *view, uint32_t record)
 {
@@ -199,7 +188,7 @@ static void structures_hold_what_was_asked(void **state)
         /* the flag has no effect */
         const uint32_t flags = i % 2 ? PORTABLE_FAST_TRIANGLES : 0;
         assert_int_equal(test_blob_write(&model, flags, &memory, &parallel_serial, &blob, &sizes, NULL), BVHD_OK);
-        const struct portable_view view = open_view((struct bytes){blob, sizes.total});
+        const struct portable_view view = portable_bed_view((struct bytes){blob, sizes.total});
         const struct portable_header *header = view.header;
         assert_int_equal(header->version, 2);
         assert_int_equal(portable_version_of(blob + 16), 2);
@@ -234,7 +223,7 @@ static void one_key_stands_still(void **state)
     free(model.keys[0]);
     model.keys[0] = NULL;
     assert_int_equal(test_blob_write(&model, 0, &memory, &parallel_serial, &blob, &sizes, NULL), BVHD_OK);
-    const struct portable_view view = open_view((struct bytes){blob, sizes.total});
+    const struct portable_view view = portable_bed_view((struct bytes){blob, sizes.total});
     for (uint32_t i = 0; i < view.header->node_count; i++) {
         const struct portable_moving_node *node =
             (const struct portable_moving_node *)(const void *)portable_node_at(&view, i);
@@ -278,35 +267,11 @@ static void threads_do_not_matter(void **state)
 
 /* ---- hostile bytes ---- */
 
-/* A blob for a test to change, and its parts. */
-struct subject {
-    unsigned char *blob;
-    uint64_t size;
-    struct portable_header *header;
-    struct portable_moving_node *nodes;
-    void *records;
-};
-
-static struct subject subject_make(int shape)
-{
-    const struct bytes bytes = test_blob_make(&shapes[shape], 11, 0);
-    struct subject s = {.size = bytes.size};
-    void *copy = NULL;
-    assert_int_equal(posix_memalign(&copy, 64, bytes.size), 0);
-    memcpy(copy, bytes.data, bytes.size);
-    s.blob = copy;
-    unsigned char *body = s.blob + portable_body_offset(bytes_get64(s.blob + 48));
-    s.header = (struct portable_header *)(void *)body;
-    s.nodes = (struct portable_moving_node *)(void *)(body + s.header->node_offset);
-    s.records = body + s.header->record_offset;
-    test_blob_free(bytes);
-    return s;
-}
-
-/* Reads all that a traversal would read, which lies in the block, or AddressSanitizer says so. */
-static unsigned read_all(const struct portable_view *view)
+static void touch(const struct portable_view *view)
 {
     unsigned sum = 0;
+    if (view->node_size != sizeof(struct portable_moving_node))
+        return;
     for (uint32_t i = 0; i < view->header->node_count; i++) {
         const unsigned char *node = (const unsigned char *)portable_node_at(view, i);
         for (size_t k = 0; k < sizeof(struct portable_moving_node); k++)
@@ -323,110 +288,80 @@ static unsigned read_all(const struct portable_view *view)
             sum += vertex.end[2] > 0;
         }
     }
-    return sum;
+    assert_int_not_equal(sum, 0);
 }
-
-static enum bvhd_status open_bytes(const unsigned char *data, uint64_t size, struct bvhd_error *ret_error)
-{
-    struct memory memory;
-    struct portable_view view;
-    memory_init(&memory, UINT64_MAX);
-    *ret_error = (struct bvhd_error){.status = BVHD_OK};
-    const enum bvhd_status status = portable_open((struct bytes){data, size}, &memory, &view, ret_error);
-    assert_int_equal(memory.live, 0);
-    assert_int_equal(status, ret_error->status);
-    if (status == BVHD_OK && view.node_size == sizeof(struct portable_moving_node))
-        assert_int_not_equal(read_all(&view), 0);
-    return status;
-}
-
-static void expect(const struct subject *s, enum bvhd_status status, const char *where)
-{
-    struct bvhd_error error;
-    assert_int_equal(open_bytes(s->blob, s->size, &error), status);
-    assert_string_equal(error.where, where);
-}
-
-/* Replaces the value of a field, expects an answer, and restores the old value. */
-#define SPOIL(s, field, value, status, where)                                                                          \
-    do {                                                                                                               \
-        __typeof__(field) old_ = (field);                                                                              \
-        (field) = (value);                                                                                             \
-        expect((s), (status), (where));                                                                                \
-        (field) = old_;                                                                                                \
-    } while (0)
 
 static void nodes_are_checked(void **state)
 {
     (void)state;
     for (int shape = 0; shape < SHAPES; shape++) {
-        struct subject s = subject_make(shape);
-        struct portable_moving_node *node = &s.nodes[s.header->node_count - 1];
+        struct portable_subject s = portable_subject_make(&shapes[shape], touch);
+        struct portable_moving_node *nodes = s.nodes, *node = &nodes[s.header->node_count - 1];
         char where[40];
         snprintf(where, sizeof where, "nodes[%u].boxes", s.header->node_count - 1);
-        expect(&s, BVHD_OK, "");
+        portable_subject_expect(&s, BVHD_OK, "");
         for (int slot = 0; slot < 8; slot++)
             for (int axis = 0; axis < 3; axis++) {
                 const uint8_t lo = node->end_lo[axis][slot], hi = node->end_hi[axis][slot];
                 if (node->start.meta[slot] == 0) {
-                    SPOIL(&s, node->end_lo[axis][slot], 254, BVHD_CORRUPT, where);
-                    SPOIL(&s, node->end_hi[axis][slot], 1, BVHD_CORRUPT, where);
+                    PORTABLE_SPOIL(&s, node->end_lo[axis][slot], 254, BVHD_CORRUPT, where);
+                    PORTABLE_SPOIL(&s, node->end_hi[axis][slot], 1, BVHD_CORRUPT, where);
                     continue;
                 }
-                SPOIL(&s, node->end_hi[axis][slot], lo, BVHD_OK, "");
-                SPOIL(&s, node->end_lo[axis][slot], hi, BVHD_OK, "");
+                PORTABLE_SPOIL(&s, node->end_hi[axis][slot], lo, BVHD_OK, "");
+                PORTABLE_SPOIL(&s, node->end_lo[axis][slot], hi, BVHD_OK, "");
                 if (lo > 0)
-                    SPOIL(&s, node->end_hi[axis][slot], (uint8_t)(lo - 1), BVHD_CORRUPT, where);
+                    PORTABLE_SPOIL(&s, node->end_hi[axis][slot], (uint8_t)(lo - 1), BVHD_CORRUPT, where);
                 if (hi < 255)
-                    SPOIL(&s, node->end_lo[axis][slot], (uint8_t)(hi + 1), BVHD_CORRUPT, where);
+                    PORTABLE_SPOIL(&s, node->end_lo[axis][slot], (uint8_t)(hi + 1), BVHD_CORRUPT, where);
             }
         snprintf(where, sizeof where, "nodes[%u].firstRecord", s.header->node_count - 1);
-        SPOIL(&s, node->start.first_record, node->start.first_record + 1, BVHD_CORRUPT, where);
+        PORTABLE_SPOIL(&s, node->start.first_record, node->start.first_record + 1, BVHD_CORRUPT, where);
         free(s.blob);
     }
 }
 
 static void triangles_are_checked(void **state)
 {
-    struct subject s = subject_make(1);
+    struct portable_subject s = portable_subject_make(&shapes[1], touch);
     struct portable_indexed_triangle *records = s.records;
     (void)state;
     for (int k = 0; k < 3; k++) {
-        SPOIL(&s, records[7].vertices[k], s.header->vertex_count, BVHD_CORRUPT, "records[7]");
-        SPOIL(&s, records[7].vertices[k], s.header->vertex_count - 1, BVHD_OK, "");
+        PORTABLE_SPOIL(&s, records[7].vertices[k], s.header->vertex_count, BVHD_CORRUPT, "records[7]");
+        PORTABLE_SPOIL(&s, records[7].vertices[k], s.header->vertex_count - 1, BVHD_OK, "");
     }
-    SPOIL(&s, records[5].id, s.header->primitive_count, BVHD_CORRUPT, "records[5]");
-    SPOIL(&s, records[5].id, records[5].id ^ PORTABLE_ID_OPAQUE, BVHD_OK, "");
-    SPOIL(&s, records[5].id, records[5].id | PORTABLE_ID_CAP_FIRST, BVHD_CORRUPT, "records[5]");
-    SPOIL(&s, s.header->vertex_count, s.header->vertex_count + 1, BVHD_CORRUPT, "body.vertexOffset");
-    SPOIL(&s, s.header->vertex_offset, s.header->vertex_offset + 8, BVHD_CORRUPT, "body.vertexOffset");
+    PORTABLE_SPOIL(&s, records[5].id, s.header->primitive_count, BVHD_CORRUPT, "records[5]");
+    PORTABLE_SPOIL(&s, records[5].id, records[5].id ^ PORTABLE_ID_OPAQUE, BVHD_OK, "");
+    PORTABLE_SPOIL(&s, records[5].id, records[5].id | PORTABLE_ID_CAP_FIRST, BVHD_CORRUPT, "records[5]");
+    PORTABLE_SPOIL(&s, s.header->vertex_count, s.header->vertex_count + 1, BVHD_CORRUPT, "body.vertexOffset");
+    PORTABLE_SPOIL(&s, s.header->vertex_offset, s.header->vertex_offset + 8, BVHD_CORRUPT, "body.vertexOffset");
     free(s.blob);
 }
 
 static void instances_are_checked(void **state)
 {
-    struct subject s = subject_make(4);
+    struct portable_subject s = portable_subject_make(&shapes[4], touch);
     struct portable_moving_instance *records = s.records;
     (void)state;
     for (uint32_t i = 0; i < s.header->record_count; i++) {
         struct portable_moving_instance *instance = &records[i];
         char where[40];
         snprintf(where, sizeof where, "records[%u]", i);
-        SPOIL(&s, instance->motion, MOTION_TYPES, BVHD_CORRUPT, where);
-        SPOIL(&s, instance->motion, UINT32_MAX, BVHD_CORRUPT, where);
-        SPOIL(&s, instance->instance, s.header->primitive_count, BVHD_CORRUPT, where);
-        SPOIL(&s, instance->handle, 3, BVHD_CORRUPT, where);
+        PORTABLE_SPOIL(&s, instance->motion, MOTION_TYPES, BVHD_CORRUPT, where);
+        PORTABLE_SPOIL(&s, instance->motion, UINT32_MAX, BVHD_CORRUPT, where);
+        PORTABLE_SPOIL(&s, instance->instance, s.header->primitive_count, BVHD_CORRUPT, where);
+        PORTABLE_SPOIL(&s, instance->handle, 3, BVHD_CORRUPT, where);
         for (int k = 0; k < 3; k++)
-            SPOIL(&s, instance->reserved[k], 1, BVHD_CORRUPT, where);
+            PORTABLE_SPOIL(&s, instance->reserved[k], 1, BVHD_CORRUPT, where);
         /* Numbers have any values, but what a type has none of is 0, and what stands still ends where it starts. */
         const bool is_srt = instance->motion == MOTION_SRT, is_static = instance->motion == MOTION_STATIC;
-        SPOIL(&s, instance->start[15], -0.0f, is_srt ? BVHD_OK : BVHD_CORRUPT, is_srt ? "" : where);
-        SPOIL(&s, instance->end[12], 1, is_srt ? BVHD_OK : BVHD_CORRUPT, is_srt ? "" : where);
-        SPOIL(&s, instance->end[11], NAN, is_static ? BVHD_CORRUPT : BVHD_OK, is_static ? where : "");
-        SPOIL(&s, instance->custom_and_mask, 77, BVHD_OK, "");
-        SPOIL(&s, instance->sbt_and_flags, 77, BVHD_OK, "");
+        PORTABLE_SPOIL(&s, instance->start[15], -0.0f, is_srt ? BVHD_OK : BVHD_CORRUPT, is_srt ? "" : where);
+        PORTABLE_SPOIL(&s, instance->end[12], 1, is_srt ? BVHD_OK : BVHD_CORRUPT, is_srt ? "" : where);
+        PORTABLE_SPOIL(&s, instance->end[11], NAN, is_static ? BVHD_CORRUPT : BVHD_OK, is_static ? where : "");
+        PORTABLE_SPOIL(&s, instance->custom_and_mask, 77, BVHD_OK, "");
+        PORTABLE_SPOIL(&s, instance->sbt_and_flags, 77, BVHD_OK, "");
         if (is_srt)
-            SPOIL(&s, instance->motion, MOTION_MATRIX, BVHD_CORRUPT, where);
+            PORTABLE_SPOIL(&s, instance->motion, MOTION_MATRIX, BVHD_CORRUPT, where);
     }
     free(s.blob);
 }
@@ -436,17 +371,17 @@ static void versions_are_checked(void **state)
 {
     (void)state;
     for (int shape = 1; shape < SHAPES; shape += 4) {
-        struct subject s = subject_make(shape);
+        struct portable_subject s = portable_subject_make(&shapes[shape], touch);
         struct bvhd_error error;
         for (uint32_t content = 0; content <= PORTABLE_CONTENTS; content++) {
             const uint32_t old = s.header->content;
             s.header->content = content;
-            assert_int_equal(open_bytes(s.blob, s.size, &error), content == old ? BVHD_OK : BVHD_CORRUPT);
+            assert_int_equal(portable_subject_open(&s, &error), content == old ? BVHD_OK : BVHD_CORRUPT);
             s.header->content = old;
         }
-        SPOIL(&s, s.header->version, 1, BVHD_CORRUPT, "body.version");
+        PORTABLE_SPOIL(&s, s.header->version, 1, BVHD_CORRUPT, "body.version");
         s.header->version = 1;
-        SPOIL(&s, s.blob[31], 1, BVHD_CORRUPT, "body.content");
+        PORTABLE_SPOIL(&s, s.blob[31], 1, BVHD_CORRUPT, "body.content");
         free(s.blob);
     }
 }
@@ -455,34 +390,18 @@ static void every_truncation_is_refused(void **state)
 {
     (void)state;
     for (int shape = 0; shape < SHAPES; shape++) {
-        struct subject s = subject_make(shape);
-        for (uint64_t size = 0; size<s.size; size += s.size> 4096 ? 7 : 1) {
-            struct bvhd_error error;
-            void *cut = NULL;
-            assert_int_equal(posix_memalign(&cut, 64, size ? size : 1), 0);
-            memcpy(cut, s.blob, size);
-            if (size >= 40)
-                bytes_put64((unsigned char *)cut + 32, size); /* the header states the shorter size */
-            assert_int_not_equal(open_bytes(cut, size, &error), BVHD_OK);
-            free(cut);
-        }
+        struct portable_subject s = portable_subject_make(&shapes[shape], touch);
+        portable_subject_truncate(&s);
         free(s.blob);
     }
 }
 
-/* Whatever one wrong byte does, what is opened is read inside the block. */
 static void every_byte_may_be_wrong(void **state)
 {
     (void)state;
     for (int shape = 0; shape < SHAPES; shape += 2) {
-        struct subject s = subject_make(shape);
-        for (uint64_t at = 0; at<s.size; at += s.size> 4096 ? 3 : 1)
-            for (int bit = 0; bit<8; bit += s.size> 4096 ? 3 : 1) {
-                struct bvhd_error error;
-                s.blob[at] ^= (unsigned char)(1 << bit);
-                open_bytes(s.blob, s.size, &error);
-                s.blob[at] ^= (unsigned char)(1 << bit);
-            }
+        struct portable_subject s = portable_subject_make(&shapes[shape], touch);
+        portable_subject_flip(&s);
         free(s.blob);
     }
 }

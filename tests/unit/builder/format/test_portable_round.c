@@ -8,7 +8,7 @@
 #include <math.h>
 
 #include "builder/format/portable_records.h"
-#include "tests/support/builder/test_blob.h"
+#include "tests/support/builder/portable_bed.h"
 
 static const struct test_shape shapes[] = {
     {.type = GEOMETRY_SPHERES, .geometries = 1, .primitives = 1, .size = 1, .detail = 0.5},
@@ -31,17 +31,6 @@ enum { SHAPES = sizeof shapes / sizeof *shapes };
 static bool is_swept(const struct portable_view *view)
 {
     return view->header->content == PORTABLE_SWEPT_SPHERES;
-}
-
-static struct portable_view open_view(struct bytes blob)
-{
-    struct memory memory;
-    struct portable_view view;
-    struct bvhd_error error;
-    memory_init(&memory, UINT64_MAX);
-    if (portable_open(blob, &memory, &view, &error) != BVHD_OK)
-        fail_msg("%s: %s", error.where, error.text);
-    return view;
 }
 
 /* Checks that a record equals the request bit for bit. */
@@ -99,7 +88,7 @@ static void records_equal_the_request(void **state)
         test_model_make(&shapes[i], 5, &model);
         test_blob_dirty_heap(model.canonical.primitive_count * UINT64_C(60));
         assert_int_equal(test_blob_write(&model, 0, &memory, &parallel_serial, &blob, &sizes, NULL), BVHD_OK);
-        const struct portable_view view = open_view((struct bytes){blob, sizes.total});
+        const struct portable_view view = portable_bed_view((struct bytes){blob, sizes.total});
         const struct portable_header *header = view.header;
         const struct portable_round *records = view.records;
         uint8_t *seen = calloc(model.canonical.primitive_count, 1);
@@ -158,7 +147,7 @@ static void chains_share_vertices(void **state)
     unsigned char *blob;
     memory_init(&memory, UINT64_MAX);
     assert_int_equal(test_blob_write(&model, 0, &memory, &parallel_serial, &blob, &sizes, NULL), BVHD_OK);
-    const struct portable_view view = open_view((struct bytes){blob, sizes.total});
+    const struct portable_view view = portable_bed_view((struct bytes){blob, sizes.total});
     assert_int_equal(sizes.vertices, STRANDS * POINTS * 16);
     assert_int_equal(sizes.records, SWEPT * 8);
     assert_memory_equal(view.vertices, points, sizeof points);
@@ -200,86 +189,35 @@ static void bounds_of_vertices_hold(void **state)
 
 /* ---- hostile bytes ---- */
 
-/* A blob for a test to change, and its parts. */
-struct subject {
-    unsigned char *blob;
-    uint64_t size;
-    struct portable_header *header;
-    struct portable_round *records;
-    float (*vertices)[4];
-};
-
-static struct subject subject_make(int shape)
+static void touch(const struct portable_view *view)
 {
-    const struct bytes bytes = test_blob_make(&shapes[shape], 11, 0);
-    struct subject s = {.size = bytes.size};
-    void *copy = NULL;
-    assert_int_equal(posix_memalign(&copy, 64, bytes.size), 0);
-    memcpy(copy, bytes.data, bytes.size);
-    s.blob = copy;
-    unsigned char *body = s.blob + 64;
-    s.header = (struct portable_header *)(void *)body;
-    s.records = (struct portable_round *)(void *)(body + s.header->record_offset);
-    s.vertices = (float(*)[4])(void *)(body + s.header->vertex_offset);
-    test_blob_free(bytes);
-    return s;
-}
-
-static enum bvhd_status open_bytes(const unsigned char *data, uint64_t size, struct bvhd_error *ret_error)
-{
-    struct memory memory;
-    struct portable_view view;
-    memory_init(&memory, UINT64_MAX);
-    *ret_error = (struct bvhd_error){.status = BVHD_OK};
-    const enum bvhd_status status = portable_open((struct bytes){data, size}, &memory, &view, ret_error);
-    assert_int_equal(memory.live, 0);
-    assert_int_equal(status, ret_error->status);
-    if (status != BVHD_OK)
-        return status;
-    /* What a traversal would read lies in the block, or AddressSanitizer says so. */
-    const struct portable_round *records = view.records;
+    const struct portable_round *records = view->records;
     double sum = 0;
-    for (uint32_t i = 0; i < view.header->record_count; i++)
-        for (uint32_t k = 0; k < (is_swept(&view) ? 8u : 4u); k++)
-            sum += fabs((double)view.vertices[(size_t)4 * records[i].vertex + k]);
+    for (uint32_t i = 0; i < view->header->record_count; i++)
+        for (uint32_t k = 0; k < (is_swept(view) ? 8u : 4u); k++)
+            sum += fabs((double)view->vertices[(size_t)4 * records[i].vertex + k]);
     assert_false(isnan(sum));
-    return BVHD_OK;
 }
-
-static void expect(const struct subject *s, enum bvhd_status status, const char *where)
-{
-    struct bvhd_error error;
-    assert_int_equal(open_bytes(s->blob, s->size, &error), status);
-    assert_string_equal(error.where, where);
-}
-
-/* Replaces the value of a field, expects an answer, and restores the old value. */
-#define SPOIL(s, field, value, status, where)                                                                          \
-    do {                                                                                                               \
-        __typeof__(field) old_ = (field);                                                                              \
-        (field) = (value);                                                                                             \
-        expect((s), (status), (where));                                                                                \
-        (field) = old_;                                                                                                \
-    } while (0)
 
 static void records_are_checked(void **state)
 {
     (void)state;
     for (int shape = 1; shape < SHAPES; shape += 4) {
-        struct subject s = subject_make(shape);
+        struct portable_subject s = portable_subject_make(&shapes[shape], touch);
+        struct portable_round *records = s.records;
         const bool swept = shapes[shape].type == GEOMETRY_SWEPT_SPHERES;
         const uint32_t vertices = s.header->vertex_count;
-        expect(&s, BVHD_OK, "");
-        SPOIL(&s, s.records[7].vertex, vertices, BVHD_CORRUPT, "records[7]");
-        SPOIL(&s, s.records[7].vertex, UINT32_MAX, BVHD_CORRUPT, "records[7]");
-        SPOIL(&s, s.records[7].vertex, vertices - 1, swept ? BVHD_CORRUPT : BVHD_OK, swept ? "records[7]" : "");
-        SPOIL(&s, s.records[7].vertex, vertices - 2, BVHD_OK, "");
-        SPOIL(&s, s.records[700].id, s.header->primitive_count, BVHD_CORRUPT, "records[700]");
-        SPOIL(&s, s.records[0].id, s.records[0].id ^ PORTABLE_ID_OPAQUE, BVHD_OK, "");
-        SPOIL(&s, s.records[0].id, s.records[0].id ^ PORTABLE_ID_CAP_FIRST, swept ? BVHD_OK : BVHD_CORRUPT,
-              swept ? "" : "records[0]");
-        SPOIL(&s, s.records[0].id, s.records[0].id ^ PORTABLE_ID_CAP_SECOND, swept ? BVHD_OK : BVHD_CORRUPT,
-              swept ? "" : "records[0]");
+        portable_subject_expect(&s, BVHD_OK, "");
+        PORTABLE_SPOIL(&s, records[7].vertex, vertices, BVHD_CORRUPT, "records[7]");
+        PORTABLE_SPOIL(&s, records[7].vertex, UINT32_MAX, BVHD_CORRUPT, "records[7]");
+        PORTABLE_SPOIL(&s, records[7].vertex, vertices - 1, swept ? BVHD_CORRUPT : BVHD_OK, swept ? "records[7]" : "");
+        PORTABLE_SPOIL(&s, records[7].vertex, vertices - 2, BVHD_OK, "");
+        PORTABLE_SPOIL(&s, records[700].id, s.header->primitive_count, BVHD_CORRUPT, "records[700]");
+        PORTABLE_SPOIL(&s, records[0].id, records[0].id ^ PORTABLE_ID_OPAQUE, BVHD_OK, "");
+        PORTABLE_SPOIL(&s, records[0].id, records[0].id ^ PORTABLE_ID_CAP_FIRST, swept ? BVHD_OK : BVHD_CORRUPT,
+                       swept ? "" : "records[0]");
+        PORTABLE_SPOIL(&s, records[0].id, records[0].id ^ PORTABLE_ID_CAP_SECOND, swept ? BVHD_OK : BVHD_CORRUPT,
+                       swept ? "" : "records[0]");
         free(s.blob);
     }
 }
@@ -288,22 +226,23 @@ static void vertices_are_checked(void **state)
 {
     (void)state;
     for (int shape = 1; shape < SHAPES; shape += 4) {
-        struct subject s = subject_make(shape);
+        struct portable_subject s = portable_subject_make(&shapes[shape], touch);
+        float(*vertices)[4] = s.vertices;
         char last[32];
         snprintf(last, sizeof last, "vertices[%u]", s.header->vertex_count - 1);
         for (uint32_t updatable = 0; updatable < 2; updatable++) {
             const enum bvhd_status infinite = updatable ? BVHD_OK : BVHD_CORRUPT;
             s.header->build_flags = updatable ? BUILD_ALLOW_UPDATE : 0;
             for (int k = 0; k < 4; k++) {
-                SPOIL(&s, s.vertices[9][k], NAN, BVHD_CORRUPT, "vertices[9]");
-                SPOIL(&s, s.vertices[9][k], INFINITY, infinite, updatable ? "" : "vertices[9]");
-                SPOIL(&s, s.vertices[9][k], FLT_MAX, BVHD_OK, "");
+                PORTABLE_SPOIL(&s, vertices[9][k], NAN, BVHD_CORRUPT, "vertices[9]");
+                PORTABLE_SPOIL(&s, vertices[9][k], INFINITY, infinite, updatable ? "" : "vertices[9]");
+                PORTABLE_SPOIL(&s, vertices[9][k], FLT_MAX, BVHD_OK, "");
                 if (k < 3)
-                    SPOIL(&s, s.vertices[9][k], -INFINITY, infinite, updatable ? "" : "vertices[9]");
+                    PORTABLE_SPOIL(&s, vertices[9][k], -INFINITY, infinite, updatable ? "" : "vertices[9]");
             }
-            SPOIL(&s, s.vertices[s.header->vertex_count - 1][3], -1e-45f, BVHD_CORRUPT, last);
-            SPOIL(&s, s.vertices[0][3], -INFINITY, BVHD_CORRUPT, "vertices[0]");
-            SPOIL(&s, s.vertices[0][3], -0.0f, BVHD_OK, "");
+            PORTABLE_SPOIL(&s, vertices[s.header->vertex_count - 1][3], -1e-45f, BVHD_CORRUPT, last);
+            PORTABLE_SPOIL(&s, vertices[0][3], -INFINITY, BVHD_CORRUPT, "vertices[0]");
+            PORTABLE_SPOIL(&s, vertices[0][3], -0.0f, BVHD_OK, "");
         }
         free(s.blob);
     }
@@ -314,19 +253,19 @@ static void versions_are_checked(void **state)
 {
     (void)state;
     for (int shape = 1; shape < SHAPES; shape += 4) {
-        struct subject s = subject_make(shape);
+        struct portable_subject s = portable_subject_make(&shapes[shape], touch);
         for (uint32_t content = PORTABLE_INDEXED_TRIANGLES; content <= PORTABLE_INSTANCES; content++)
-            SPOIL(&s, s.header->content, content, BVHD_CORRUPT, "body.content");
-        SPOIL(&s, s.header->content, PORTABLE_CONTENTS, BVHD_CORRUPT, "body.content");
-        SPOIL(&s, s.header->version, 1, BVHD_CORRUPT, "body.version");
-        SPOIL(&s, s.header->version, PORTABLE_NEWEST + 1, BVHD_INCOMPATIBLE, "body.version");
-        SPOIL(&s, s.blob[31], 1, BVHD_CORRUPT, "body.version");
+            PORTABLE_SPOIL(&s, s.header->content, content, BVHD_CORRUPT, "body.content");
+        PORTABLE_SPOIL(&s, s.header->content, PORTABLE_CONTENTS, BVHD_CORRUPT, "body.content");
+        PORTABLE_SPOIL(&s, s.header->version, 1, BVHD_CORRUPT, "body.version");
+        PORTABLE_SPOIL(&s, s.header->version, PORTABLE_NEWEST + 1, BVHD_INCOMPATIBLE, "body.version");
+        PORTABLE_SPOIL(&s, s.blob[31], 1, BVHD_CORRUPT, "body.version");
         s.header->version = 1;
-        SPOIL(&s, s.blob[31], 1, BVHD_CORRUPT, "body.content");
+        PORTABLE_SPOIL(&s, s.blob[31], 1, BVHD_CORRUPT, "body.content");
         s.header->version = 2;
-        SPOIL(&s, s.header->vertex_offset, s.header->vertex_offset + 8, BVHD_CORRUPT, "body.vertexOffset");
-        SPOIL(&s, s.header->vertex_count, s.header->vertex_count + 1, BVHD_CORRUPT, "body.geometryOffset");
-        expect(&s, BVHD_OK, "");
+        PORTABLE_SPOIL(&s, s.header->vertex_offset, s.header->vertex_offset + 8, BVHD_CORRUPT, "body.vertexOffset");
+        PORTABLE_SPOIL(&s, s.header->vertex_count, s.header->vertex_count + 1, BVHD_CORRUPT, "body.geometryOffset");
+        portable_subject_expect(&s, BVHD_OK, "");
         free(s.blob);
     }
 }
@@ -335,35 +274,18 @@ static void every_truncation_is_refused(void **state)
 {
     (void)state;
     for (int shape = 0; shape < SHAPES; shape++) {
-        struct subject s = subject_make(shape);
-        for (uint64_t size = 0; size<s.size; size += s.size> 4096 ? 7 : 1) {
-            struct bvhd_error error;
-            void *cut = NULL;
-            assert_int_equal(posix_memalign(&cut, 64, size ? size : 1), 0);
-            memcpy(cut, s.blob, size);
-            if (size >= 40)
-                bytes_put64((unsigned char *)cut + 32, size); /* the header states the shorter size */
-            assert_int_not_equal(open_bytes(cut, size, &error), BVHD_OK);
-            free(cut);
-        }
+        struct portable_subject s = portable_subject_make(&shapes[shape], touch);
+        portable_subject_truncate(&s);
         free(s.blob);
     }
 }
 
-/* Whatever one wrong byte does, what is opened is read inside the block. */
 static void every_byte_may_be_wrong(void **state)
 {
     (void)state;
     for (int shape = 0; shape < SHAPES; shape += 2) {
-        struct subject s = subject_make(shape);
-        for (uint64_t at = 0; at<s.size; at += s.size> 4096 ? 3 : 1)
-            for (int bit = 0; bit<8; bit += s.size> 4096 ? 3 : 1) {
-                struct bvhd_error error;
-                s.blob[at] ^= (unsigned char)(1u << bit);
-                open_bytes(s.blob, s.size, &error);
-                s.blob[at] ^= (unsigned char)(1u << bit);
-            }
-        expect(&s, BVHD_OK, "");
+        struct portable_subject s = portable_subject_make(&shapes[shape], touch);
+        portable_subject_flip(&s);
         free(s.blob);
     }
 }
