@@ -12,7 +12,7 @@
 
 #include "tests/support/random.h"
 
-enum { MOST_SAMPLES = 512, MOST_STEPS = 8, STRETCH = 64 };
+enum { MOST_SAMPLES = 768, MOST_STEPS = 8, STRETCH = 64 };
 
 struct sample {
     uint8_t bytes[FUZZ_ROOM];

@@ -99,11 +99,17 @@ void notes_left_out(const struct import *import)
 }
 
 /* Says how far something is from the animation, and when. */
-static void note_deviation(const struct import *import, const struct import_deviation *deviation, const char *subject,
-                           const char *prefix, const char *name)
+static void note_deviation(const struct import *import, const struct import_deviation *deviation, const char *things,
+                           const char *thing, const char *name)
 {
-    report_note(import->name, "%s are at most %.3g from where the animation has them: %s'%.*s', at %g s", subject,
-                deviation->distance, prefix, NAME_MAX_SHOWN, name, deviation->time);
+    char subject[NAME_MAX_SHOWN + 32];
+    if (*name)
+        snprintf(subject, sizeof subject, "%s '%.*s'", thing, NAME_MAX_SHOWN, name);
+    else
+        snprintf(subject, sizeof subject, "a %s without a name", thing);
+    if (deviation->distance > 0)
+        report_note(import->name, "%s are at most %.3g from where the animation has them: %s, at %g s", things,
+                    deviation->distance, subject, deviation->time);
 }
 
 void notes_motion(const struct import *import)
@@ -119,12 +125,10 @@ void notes_motion(const struct import *import)
                     "move",
                     import->time, import->end_time, turning, turning == 1 ? "" : "s", turning == 1 ? "s" : "", others,
                     import->moving_meshes, import->moving_meshes == 1 ? "" : "es");
-    if (import->instance_deviation.distance > 0)
-        note_deviation(import, &import->instance_deviation, "instances", "",
-                       import_names_get(&import->node_names, import->instance_deviation.which));
-    if (import->vertex_deviation.distance > 0)
-        note_deviation(import, &import->vertex_deviation, "vertices", "mesh ",
-                       import->meshes[import->vertex_deviation.which].name);
+    note_deviation(import, &import->instance_deviation, "instances", "node",
+                   import_names_get(&import->node_names, import->instance_deviation.which));
+    note_deviation(import, &import->vertex_deviation, "vertices", "mesh",
+                   import->meshes[import->vertex_deviation.which].name);
 }
 
 /* The defects of triangles, in the order of struct activity. */
