@@ -187,7 +187,7 @@ static void check_threads(enum build_builder builder, uint32_t type)
         struct build_options options = options_for(builder, quality);
         unsigned char *first = NULL;
         uint64_t size = 0;
-        shape.primitives = builder ? 3000 : quality == QUALITY_HIGH ? 30000 : 20000; /* more than one piece */
+        shape.primitives = builder ? 3000 : type != GEOMETRY_TRIANGLES ? 12000 : 30000; /* more than one piece */
         test_model_make(&shape, 3, &model);
         for (unsigned threads = 1; threads <= 8; threads = threads * 3 - 1) {
             struct workers *workers;
