@@ -157,7 +157,7 @@ static enum bvhd_status parse_shutter(const char *text, struct options *options,
     int end = 0;
     if (sscanf(text, "%lf:%lf%n", &times[0], &times[1], &end) != 2 || text[end])
         return usage(error, "--shutter", "not of the form T0:T1: '%s'", text);
-    if (!isfinite(times[0]) || !isfinite(times[1]) || !(times[1] > times[0]))
+    if (!isfinite(times[0]) || !isfinite(times[1] - times[0]) || !(times[1] > times[0]))
         return usage(error, "--shutter", "T1 is after T0: '%s'", text);
     options->has_shutter = true;
     return BVHD_OK;

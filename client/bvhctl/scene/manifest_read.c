@@ -117,7 +117,8 @@ static enum bvhd_status read_moment(const struct manifest_reader *reader, const 
     bool is_number = cJSON_IsNumber(animation) && animation->valuedouble >= 0 && animation->valuedouble < UINT32_MAX;
     if (!cJSON_IsNumber(time) || !isfinite(time->valuedouble) || !(is_number || cJSON_IsNull(animation)))
         return corrupt(reader, "source_moment", "without a time and an animation");
-    if (end && (!cJSON_IsNumber(end) || !isfinite(end->valuedouble) || !(end->valuedouble > time->valuedouble)))
+    if (end && (!cJSON_IsNumber(end) || !isfinite(end->valuedouble - time->valuedouble) ||
+                !(end->valuedouble > time->valuedouble)))
         return corrupt(reader, "source_moment", "with an end that is not after its time");
     entry->is_shutter = end != NULL;
     entry->end = end ? end->valuedouble : 0;

@@ -299,6 +299,7 @@ static void test_bad_lines(void **state)
     expect_bad("bvhctl build a -o b --shutter 2:1", "--shutter");
     expect_bad("bvhctl build a -o b --shutter 0:inf", "--shutter");
     expect_bad("bvhctl build a -o b --shutter nan:1", "--shutter");
+    expect_bad("bvhctl build a -o b --shutter -1e308:1e308", "--shutter");
     expect_bad("bvhctl build a -o b --shutter 0:1s", "--shutter");
     expect_bad("bvhctl build a -o b --shutter 0:1:2", "--shutter");
     expect_bad("bvhctl build a -o b --shutter 0:1 --at 1", "--shutter");
