@@ -57,8 +57,8 @@ static enum bvhd_status check_structure_type(const struct input_entry *entry, en
 static enum kind_number chained_kind(VkStructureType type)
 {
     enum kind_number number = 0;
-    while (number < KIND_COUNT &&
-           !(vulkan_input_kind_at(number)->is_chained && vulkan_input_kind_at(number)->head == type))
+    while (number < KIND_COUNT && !(vulkan_input_kind_at(number) && vulkan_input_kind_at(number)->is_chained &&
+                                    vulkan_input_kind_at(number)->head == type))
         number++;
     return number;
 }
@@ -144,7 +144,7 @@ static enum bvhd_status find_data(const struct input_entry *entry, uint32_t inde
         source->sType, VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_GEOMETRY_KHR);
     if (status == BVHD_OK)
         status = read_chain(entry, index, source->pNext, chained);
-    if (status != BVHD_OK || !kind)
+    if (status != BVHD_OK || !kind || !vulkan_input_kind_at(kind->number))
         return status;
     const bool is_chained = vulkan_input_kind_at(kind->number)->is_chained;
     const void *data = is_chained ? chained[kind->number] : &source->geometry;
@@ -226,7 +226,8 @@ static enum bvhd_status convert_geometry(const struct input_entry *entry, uint32
     const struct kind *kind = NULL;
     const void *data = NULL;
     enum bvhd_status status = find_data(entry, index, source, &kind, &data);
-    if (status == BVHD_OK && !kind && kind_find((uint32_t)source->geometryType))
+    const struct kind *own = kind_find((uint32_t)source->geometryType);
+    if (status == BVHD_OK && !kind && own && own->vulkan_type != own->type)
         status = refuse_own_type(entry, index, (uint32_t)source->geometryType);
     if (status != BVHD_OK)
         return status;

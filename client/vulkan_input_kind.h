@@ -70,6 +70,7 @@ struct vulkan_input_kind {
 extern const struct vulkan_input_kind vulkan_input_triangles, vulkan_input_aabbs, vulkan_input_instances,
     vulkan_input_spheres, vulkan_input_swept_spheres, vulkan_input_moving_triangles, vulkan_input_moving_instances;
 
+/* Returns how a kind is converted; NULL for one that no struct of the chain gives. */
 const struct vulkan_input_kind *vulkan_input_kind_at(enum kind_number number);
 
 /*

@@ -13,6 +13,8 @@ static const struct kind *const kinds[KIND_COUNT] = {
     [KIND_SWEPT_SPHERES] = &kind_swept_spheres,
     [KIND_MOVING_TRIANGLES] = &kind_moving_triangles,
     [KIND_MOVING_INSTANCES] = &kind_moving_instances,
+    [KIND_MICROMAP] = &kind_micromap,
+    [KIND_BAKED_MICROMAP] = &kind_baked_micromap,
 };
 
 const struct kind *kind_find(uint32_t type)

@@ -23,7 +23,10 @@ enum kind_number {
     KIND_SWEPT_SPHERES,
     KIND_MOVING_TRIANGLES,
     KIND_MOVING_INSTANCES,
-    KIND_COUNT
+    KIND_MICROMAP,
+    KIND_BAKED_MICROMAP,
+    KIND_COUNT,
+    KIND_OF_RAYS = KIND_MICROMAP /* those before it are of primitives, which rays hit and of which trees are built */
 };
 
 struct kind {
@@ -34,6 +37,7 @@ struct kind {
     const char *noun; /* in texts: "AABBs" */
     const char *member; /* in places, as in "infos[0].geometries[1].aabbs.stride": "aabbs" */
     bool is_top; /* top levels are made of it and of nothing else; bottom levels never are */
+    bool is_micromap; /* it is the only geometry of a STRUCTURE_MICROMAP; its primitives are triangles of a micromap */
     /*
      * The rule that more primitives than the limit break. BVHD_VUID_NONE: Vulkan counts this kind against no limit, and
      * bvhd's own is BVHD_TOO_LARGE.
@@ -41,7 +45,8 @@ struct kind {
     enum bvhd_vuid too_many;
     bool can_be_cut; /* spatial splits cut such primitives (clip.h) */
     uint32_t primitive_bytes; /* of a primitive in a canonical copy: its indices, its box or its record */
-    uint32_t vertex_bytes; /* of a vertex in a canonical copy; 0: the kind has no vertices */
+    /* of a vertex in a canonical copy; 0: the kind has no vertices. The states of micromaps count as vertices. */
+    uint32_t vertex_bytes;
 
     /*
      * Checks formats, strides and index type of a geometry of this kind. It returns BVHD_INVALID with the rule and the

@@ -6,7 +6,7 @@
 #include "proto/base/kind.h"
 
 extern const struct kind kind_triangles, kind_aabbs, kind_instances, kind_spheres, kind_swept_spheres,
-    kind_moving_triangles, kind_moving_instances;
+    kind_moving_triangles, kind_moving_instances, kind_micromap, kind_baked_micromap;
 
 /* The rules about the arrays of a kind with vertices. Triangles have no radii. */
 struct kind_rules {
@@ -36,6 +36,9 @@ enum bvhd_status kind_refuse_format(const struct validate_subject *subject, cons
                                     enum bvhd_vuid rule, enum bvhd_vuid parameter_rule);
 enum bvhd_status kind_check_large_stride(const struct validate_subject *subject, const char *field, uint64_t stride,
                                          const struct kind_rules *rules);
+
+/* Checks index type and stride of the micromap of a geometry with triangles, if there is one. */
+enum bvhd_status kind_check_triangle_micromap(const struct validate_subject *subject);
 
 /* For kinds whose primitives have no vertices. */
 uint64_t kind_no_vertices(const struct geometry *geometry);

@@ -15,7 +15,9 @@ static enum bvhd_status check_shape(const struct validate_subject *subject)
 {
     const struct geometry_triangles *triangles = &subject->geometry->triangles;
     enum bvhd_status status = kind_check_vertices(subject, triangles->vertex_format, triangles->vertex_stride, &rules);
-    return status == BVHD_OK ? kind_check_index_type(subject, triangles->index_type, &rules) : status;
+    if (status == BVHD_OK)
+        status = kind_check_index_type(subject, triangles->index_type, &rules);
+    return status == BVHD_OK ? kind_check_triangle_micromap(subject) : status;
 }
 
 static uint64_t vertices(const struct geometry *geometry)

@@ -24,7 +24,12 @@ enum {
     OWN_FLAGS = BUILD_ALLOW_UPDATE | BUILD_ALLOW_COMPACTION | BUILD_PREFER_FAST_TRACE | BUILD_PREFER_FAST_BUILD |
                 BUILD_LOW_MEMORY | BUILD_MOTION | BUILD_ALLOW_DATA_ACCESS,
     FOREIGN_FLAGS = 0x17c0,
+    MICROMAP_FLAGS = BUILD_ALLOW_COMPACTION | BUILD_PREFER_FAST_TRACE | BUILD_PREFER_FAST_BUILD | BUILD_MICROMAP_LOSSY,
+    TRIANGLE_MICROMAP_FLAGS =
+        BUILD_ALLOW_MICROMAP_UPDATE | BUILD_ALLOW_DISABLE_MICROMAPS | BUILD_ALLOW_MICROMAP_DATA_UPDATE,
 };
+
+bool validate_micromaps;
 
 /* Structure and geometry types that Vulkan defines and bvhd does not implement. */
 enum { GEOMETRY_DENSE_TRIANGLES = 1000478000 };
@@ -49,6 +54,8 @@ static enum bvhd_status check_type(uint32_t type, uint32_t flags, uint32_t index
     case STRUCTURE_GENERIC:
         return refuse_generic(flags, index, error);
     case STRUCTURE_MICROMAP:
+        if (validate_micromaps)
+            return BVHD_OK;
         return bvhd_error_set(error, BVHD_UNSUPPORTED, where.text, "opacity micromaps are not built");
     default:
         return bvhd_error_rule(error, BVHD_VUID_BuildGeometryInfo_type_parameter, where.text,
@@ -56,9 +63,27 @@ static enum bvhd_status check_type(uint32_t type, uint32_t flags, uint32_t index
     }
 }
 
-static enum bvhd_status check_flags(uint32_t flags, uint32_t index, struct bvhd_error *error)
+/* Checks the flags that are about micromaps, and those that micromaps may have. */
+static enum bvhd_status check_micromap_flags(uint32_t type, uint32_t flags, struct place where,
+                                             struct bvhd_error *error)
+{
+    const uint32_t both = BUILD_ALLOW_MICROMAP_UPDATE | BUILD_ALLOW_MICROMAP_DATA_UPDATE;
+    if (type == STRUCTURE_MICROMAP && (flags & ~(uint32_t)MICROMAP_FLAGS))
+        return bvhd_error_rule(error, BVHD_VUID_11562, where.text, "an opacity micromap has no flags 0x%x",
+                               flags & ~(uint32_t)MICROMAP_FLAGS);
+    if (type != STRUCTURE_MICROMAP && (flags & BUILD_MICROMAP_LOSSY))
+        return bvhd_error_rule(error, BVHD_VUID_11563, where.text, "only opacity micromaps have the flag LOSSY");
+    if ((flags & both) == both)
+        return bvhd_error_rule(error, BVHD_VUID_11558, where.text,
+                               "ALLOW_OPACITY_MICROMAP_UPDATE and ALLOW_OPACITY_MICROMAP_DATA_UPDATE exclude each "
+                               "other");
+    return BVHD_OK;
+}
+
+static enum bvhd_status check_flags(uint32_t type, uint32_t flags, uint32_t index, struct bvhd_error *error)
 {
     struct place where = place("infos[%u].flags", index);
+    const uint32_t known = validate_micromaps ? TRIANGLE_MICROMAP_FLAGS | BUILD_MICROMAP_LOSSY : 0;
     uint32_t unknown = flags & ~(uint32_t)(OWN_FLAGS | FOREIGN_FLAGS);
     if (unknown)
         return bvhd_error_rule(error, BVHD_VUID_BuildGeometryInfo_flags_parameter, where.text, "unknown bits 0x%x",
@@ -67,16 +92,16 @@ static enum bvhd_status check_flags(uint32_t flags, uint32_t index, struct bvhd_
         return bvhd_error_rule(error, BVHD_VUID_03796, where.text,
                                "PREFER_FAST_TRACE and PREFER_FAST_BUILD exclude each other");
     for (size_t i = 0; i < sizeof foreign_flags / sizeof foreign_flags[0]; i++)
-        if (flags & foreign_flags[i].bit)
+        if (flags & foreign_flags[i].bit & ~known)
             return bvhd_error_set(error, BVHD_UNSUPPORTED, where.text, "flag %s is not supported",
                                   foreign_flags[i].name);
-    return BVHD_OK;
+    return check_micromap_flags(type, flags, where, error);
 }
 
 enum bvhd_status validate_type(uint32_t type, uint32_t flags, uint32_t index, struct bvhd_error *error)
 {
     enum bvhd_status status = check_type(type, flags, index, error);
-    return status == BVHD_OK ? check_flags(flags, index, error) : status;
+    return status == BVHD_OK ? check_flags(type, flags, index, error) : status;
 }
 
 enum bvhd_status validate_geometry_count(uint32_t type, uint32_t count, uint32_t index, const struct limits *limits,
@@ -86,6 +111,9 @@ enum bvhd_status validate_geometry_count(uint32_t type, uint32_t count, uint32_t
     uint64_t most = limits->max_geometries < LIMIT_MAX_GEOMETRIES ? limits->max_geometries : LIMIT_MAX_GEOMETRIES;
     if (type == STRUCTURE_TOP && count != 1)
         return bvhd_error_rule(error, BVHD_VUID_03790, where.text, "a top level has one geometry, not %u", count);
+    if (type == STRUCTURE_MICROMAP && count != 1)
+        return bvhd_error_rule(error, BVHD_VUID_11560, where.text, "an opacity micromap has one geometry, not %u",
+                               count);
     if (count > most)
         return bvhd_error_rule(error, BVHD_VUID_03793, where.text, "%u geometries, at most %" PRIu64, count, most);
     return BVHD_OK;
@@ -95,7 +123,6 @@ static enum bvhd_status check_foreign_geometry(const struct validate_subject *su
 {
     switch (subject->geometry->type) {
     case GEOMETRY_DENSE_TRIANGLES:
-    case GEOMETRY_MICROMAP:
         return bvhd_error_set(subject->error, BVHD_UNSUPPORTED, VALIDATE_GEOMETRY_PLACE(subject, "geometryType"),
                               "%s is not supported", vulkan_name(VULKAN_GEOMETRY_TYPE, subject->geometry->type).text);
     default:
@@ -110,6 +137,14 @@ static enum bvhd_status check_geometry_type(const struct validate_subject *subje
     const struct kind *kind = kind_find(subject->geometry->type), *first = kind_find(input->geometries[0].type);
     if (!kind)
         return check_foreign_geometry(subject);
+    if (kind->is_micromap && !validate_micromaps)
+        return bvhd_error_set(subject->error, BVHD_UNSUPPORTED, VALIDATE_GEOMETRY_PLACE(subject, "geometryType"),
+                              "%s are not built", kind->noun);
+    if (kind->is_micromap != (input->type == STRUCTURE_MICROMAP))
+        return bvhd_error_rule(subject->error, kind->is_micromap ? BVHD_VUID_11707 : BVHD_VUID_11561,
+                               VALIDATE_GEOMETRY_PLACE(subject, "geometryType"),
+                               kind->is_micromap ? "%s in a structure that is none" : "%s in an opacity micromap",
+                               kind->noun);
     if (input->type == STRUCTURE_TOP && !kind->is_top)
         return bvhd_error_rule(subject->error, BVHD_VUID_03789, VALIDATE_GEOMETRY_PLACE(subject, "geometryType"),
                                "%s in a top level, which is made of instances", kind->noun);
@@ -142,6 +177,10 @@ static enum bvhd_status check_motion(const struct validate_subject *subject, uin
 static enum bvhd_status check_geometry_flags(const struct validate_subject *subject)
 {
     uint32_t unknown = subject->geometry->flags & ~(uint32_t)(GEOMETRY_OPAQUE | GEOMETRY_NO_DUPLICATE_ANY_HIT);
+    if (!unknown && subject->geometry->flags != 0 && kind_find(subject->geometry->type)->is_micromap)
+        return bvhd_error_set(subject->error, BVHD_INVALID, VALIDATE_GEOMETRY_PLACE(subject, "flags"),
+                              "the geometry of an opacity micromap has no flags, and these are 0x%x",
+                              subject->geometry->flags);
     if (unknown)
         return bvhd_error_rule(subject->error, BVHD_VUID_Geometry_flags_parameter,
                                VALIDATE_GEOMETRY_PLACE(subject, "flags"), "unknown bits 0x%x", unknown);

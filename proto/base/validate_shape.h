@@ -27,6 +27,12 @@ struct validate_subject {
     place("infos[%u].geometries[%u].%s", (subject)->info, (subject)->index, field).text
 #define VALIDATE_RANGE_PLACE(subject, field) place("ranges[%u][%u].%s", (subject)->info, (subject)->index, field).text
 
+/*
+ * Whether opacity micromaps are built. They are refused until every part of the program knows them; tests of the parts
+ * that do set it before they start threads.
+ */
+extern bool validate_micromaps;
+
 /* Checks type and flags of entry `index`. */
 enum bvhd_status validate_type(uint32_t type, uint32_t flags, uint32_t index, struct bvhd_error *error);
 

@@ -119,6 +119,8 @@ static const struct row_kind kinds[KIND_COUNT] = {
                                {[ROW_DATA] = AT(instances.records)},
                                nothing_to_row,
                                nothing_from_row},
+    [KIND_MICROMAP] = {ROWS_GEOMETRY_LEAST, .to_row = nothing_to_row, .from_row = nothing_from_row},
+    [KIND_BAKED_MICROMAP] = {ROWS_GEOMETRY_LEAST, .to_row = nothing_to_row, .from_row = nothing_from_row},
 };
 
 const struct row_kind *row_kind_find(uint32_t type)

@@ -77,9 +77,9 @@ static struct ir sound_ir(const struct canonical *canonical, enum build_quality 
     return sound_ir_by(BUILDER_OWN, canonical, quality, context, stats);
 }
 
-static const uint32_t types[KIND_COUNT] = {GEOMETRY_TRIANGLES,       GEOMETRY_AABBS,         GEOMETRY_INSTANCES,
-                                           GEOMETRY_SPHERES,         GEOMETRY_SWEPT_SPHERES, GEOMETRY_MOVING_TRIANGLES,
-                                           GEOMETRY_MOVING_INSTANCES};
+static const uint32_t types[KIND_OF_RAYS] = {
+    GEOMETRY_TRIANGLES,        GEOMETRY_AABBS,           GEOMETRY_INSTANCES, GEOMETRY_SPHERES, GEOMETRY_SWEPT_SPHERES,
+    GEOMETRY_MOVING_TRIANGLES, GEOMETRY_MOVING_INSTANCES};
 
 static void check_every_kind(enum build_builder builder)
 {
@@ -90,7 +90,7 @@ static void check_every_kind(enum build_builder builder)
     struct memory memory;
     memory_init(&memory, UINT64_MAX);
     struct build_context context = context_over(&memory, &parallel_serial);
-    for (int t = 0; t < KIND_COUNT; t++)
+    for (int t = 0; t < KIND_OF_RAYS; t++)
         for (uint32_t count = 1; count < 3000; count = count * 6 + (count < 3))
             for (enum build_quality quality = QUALITY_FAST; quality <= QUALITY_HIGH; quality++) {
                 struct test_shape shape = soup_of(types[t]);
@@ -227,7 +227,7 @@ static void check_magnitudes(enum build_builder builder)
     struct memory memory;
     memory_init(&memory, UINT64_MAX);
     struct build_context context = context_over(&memory, &parallel_serial);
-    for (int t = 0; t < KIND_COUNT; t++)
+    for (int t = 0; t < KIND_OF_RAYS; t++)
         for (size_t i = 0; i < sizeof sizes / sizeof *sizes; i++)
             for (enum build_quality quality = QUALITY_FAST; quality <= QUALITY_HIGH; quality++) {
                 struct test_shape shape = soup_of(types[t]);

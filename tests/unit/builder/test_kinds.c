@@ -8,16 +8,16 @@
 #include "builder/update/update_kind.h"
 #include "proto/base/kind.h"
 
-static const uint32_t types[KIND_COUNT] = {GEOMETRY_TRIANGLES,       GEOMETRY_AABBS,         GEOMETRY_INSTANCES,
-                                           GEOMETRY_SPHERES,         GEOMETRY_SWEPT_SPHERES, GEOMETRY_MOVING_TRIANGLES,
-                                           GEOMETRY_MOVING_INSTANCES};
+static const uint32_t types[KIND_OF_RAYS] = {
+    GEOMETRY_TRIANGLES,        GEOMETRY_AABBS,           GEOMETRY_INSTANCES, GEOMETRY_SPHERES, GEOMETRY_SWEPT_SPHERES,
+    GEOMETRY_MOVING_TRIANGLES, GEOMETRY_MOVING_INSTANCES};
 /* Types without a kind. */
 static const uint32_t foreign[] = {3, 1000429003, 1000478000, UINT32_MAX};
 
 static void all_kinds_are_tested(void **state)
 {
     (void)state;
-    for (int i = 0; i < KIND_COUNT; i++) {
+    for (int i = 0; i < KIND_OF_RAYS; i++) {
         assert_non_null(kind_find(types[i]));
         assert_int_equal(kind_find(types[i])->number, i);
         assert_true(kind_find(types[i])->primitive_bytes > 0);
@@ -27,7 +27,7 @@ static void all_kinds_are_tested(void **state)
 static void input_is_complete(void **state)
 {
     (void)state;
-    for (int i = 0; i < KIND_COUNT; i++) {
+    for (int i = 0; i < KIND_OF_RAYS; i++) {
         const struct input_kind *kind = input_kind_of(types[i]);
         assert_non_null(kind);
         assert_true((kind->corners > 0) == (kind_find(types[i])->vertex_bytes > 0));
@@ -44,7 +44,7 @@ static void input_is_complete(void **state)
 static void update_is_complete(void **state)
 {
     (void)state;
-    for (int i = 0; i < KIND_COUNT; i++) {
+    for (int i = 0; i < KIND_OF_RAYS; i++) {
         const struct update_kind *kind = update_kind_of(types[i]);
         assert_non_null(kind);
         assert_true(kind->version > 0 && kind->version <= RECORD_NEWEST);

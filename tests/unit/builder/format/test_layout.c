@@ -50,8 +50,8 @@ static void versions_tell_the_kinds(void **state)
         {GEOMETRY_MOVING_INSTANCES, 2, 0},
     };
     (void)state;
-    assert_int_equal(sizeof rows / sizeof *rows, KIND_COUNT);
-    for (int i = 0; i < KIND_COUNT; i++) {
+    assert_int_equal(sizeof rows / sizeof *rows, KIND_OF_RAYS);
+    for (int i = 0; i < KIND_OF_RAYS; i++) {
         struct canonical_geometry row = {.type = rows[i].type};
         const struct geometry geometry = {.type = rows[i].type};
         const struct canonical canonical = {.type = STRUCTURE_BOTTOM, .geometry_count = 1, .geometries = &row};

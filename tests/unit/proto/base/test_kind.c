@@ -9,11 +9,11 @@
 static void every_type_has_one_kind(void **state)
 {
     (void)state;
-    static const uint32_t types[KIND_COUNT] = {GEOMETRY_TRIANGLES,       GEOMETRY_AABBS,
-                                               GEOMETRY_INSTANCES,       GEOMETRY_SPHERES,
-                                               GEOMETRY_SWEPT_SPHERES,   GEOMETRY_MOVING_TRIANGLES,
-                                               GEOMETRY_MOVING_INSTANCES};
-    static const uint32_t vulkan_types[KIND_COUNT] = {0, 1, 2, 1000429004, 1000429005, 0, 2};
+    static const uint32_t types[KIND_COUNT] = {
+        GEOMETRY_TRIANGLES,        GEOMETRY_AABBS,         GEOMETRY_INSTANCES,
+        GEOMETRY_SPHERES,          GEOMETRY_SWEPT_SPHERES, GEOMETRY_MOVING_TRIANGLES,
+        GEOMETRY_MOVING_INSTANCES, GEOMETRY_MICROMAP,      GEOMETRY_BAKED_MICROMAP};
+    static const uint32_t vulkan_types[KIND_COUNT] = {0, 1, 2, 1000429004, 1000429005, 0, 2, 1000623000, 1000623000};
     for (int i = 0; i < KIND_COUNT; i++) {
         const struct kind *kind = kind_find(types[i]);
         assert_non_null(kind);
@@ -22,7 +22,9 @@ static void every_type_has_one_kind(void **state)
         assert_int_equal(kind->vulkan_type, vulkan_types[i]);
         assert_int_equal(kind->is_top, vulkan_types[i] == GEOMETRY_INSTANCES);
         assert_int_equal(kind->moves, i == KIND_MOVING_TRIANGLES || i == KIND_MOVING_INSTANCES);
+        assert_int_equal(kind->is_micromap, i >= KIND_OF_RAYS);
     }
+    assert_ptr_equal(kind_find_vulkan(1000623000, false), kind_find(GEOMETRY_MICROMAP));
     static const uint32_t foreign[] = {3, 1000429003, 1000429006, 1000478000, UINT32_MAX};
     for (size_t i = 0; i < sizeof foreign / sizeof *foreign; i++)
         assert_null(kind_find(foreign[i]));
@@ -185,6 +187,114 @@ static void wrong_shapes_are_refused(void **state)
     expect(&geometry, BVHD_VUID_NONE, BVHD_VUID_NONE);
 }
 
+static void wrong_micromaps_are_refused(void **state)
+{
+    (void)state;
+    struct geometry geometry = {.type = GEOMETRY_MICROMAP, .micromap = {.stride = 8, .states = {NULL, 77}}};
+    expect(&geometry, BVHD_VUID_NONE, BVHD_VUID_NONE);
+    assert_int_equal(kind_find(GEOMETRY_MICROMAP)->vertices(&geometry), 77);
+    geometry.micromap.stride = 12;
+    expect(&geometry, BVHD_VUID_NONE, BVHD_VUID_NONE);
+    geometry.micromap.stride = UINT64_C(1) << 40;
+    expect(&geometry, BVHD_VUID_NONE, BVHD_VUID_NONE);
+    geometry.micromap.stride = 4;
+    expect(&geometry, BVHD_VUID_11646, BVHD_VUID_NONE);
+    geometry.micromap.stride = 10;
+    expect(&geometry, BVHD_VUID_11647, BVHD_VUID_NONE);
+}
+
+static void wrong_indices_of_micromaps_are_refused(void **state)
+{
+    (void)state;
+    for (int is_ext = 0; is_ext < 2; is_ext++) {
+        struct geometry geometry = {
+            .type = GEOMETRY_MOVING_TRIANGLES,
+            .triangles = {.vertex_format = 106, .vertex_stride = 12, .index_type = INDEX_UINT32},
+        };
+        struct triangle_micromap *micromap = &geometry.triangles.micromap;
+        const enum bvhd_vuid type = is_ext ? BVHD_VUID_10719 : BVHD_VUID_11570;
+        micromap->index_type = 4711;
+        expect(&geometry, BVHD_VUID_NONE, BVHD_VUID_NONE); /* it is not given */
+        micromap->is_given = 1;
+        micromap->has_usages = (uint32_t)is_ext;
+        expect(&geometry, type, type);
+        micromap->index_type = INDEX_UINT8;
+        micromap->stride = 3;
+        expect(&geometry, is_ext ? type : BVHD_VUID_NONE, is_ext ? type : BVHD_VUID_NONE);
+        micromap->index_type = INDEX_UINT16;
+        expect(&geometry, is_ext ? BVHD_VUID_10722 : BVHD_VUID_11573, BVHD_VUID_NONE);
+        micromap->stride = 0;
+        expect(&geometry, BVHD_VUID_NONE, BVHD_VUID_NONE);
+        micromap->index_type = INDEX_UINT32;
+        micromap->stride = UINT64_C(1) << 32;
+        expect(&geometry, is_ext ? BVHD_VUID_10723 : BVHD_VUID_11574, BVHD_VUID_NONE);
+        micromap->stride = UINT32_MAX - 3;
+        expect(&geometry, BVHD_VUID_NONE, BVHD_VUID_NONE);
+        micromap->index_type = INDEX_NONE;
+        micromap->stride = UINT64_MAX;
+        expect(&geometry, BVHD_VUID_NONE, BVHD_VUID_NONE);
+    }
+}
+
+/* Expects that a bake is refused for one field, without a rule's number. */
+static void expect_bake(const struct geometry *geometry, const char *field)
+{
+    struct bvhd_error error = {.status = BVHD_OK};
+    const struct validate_subject subject = {geometry, 1, 2, &error, .ignores_strides = false};
+    char where[64];
+    snprintf(where, sizeof where, "infos[1].geometries[2].bake.%s", field);
+    assert_int_equal(kind_find(GEOMETRY_BAKED_MICROMAP)->check_shape(&subject), BVHD_INVALID);
+    assert_int_equal(error.vuid, BVHD_VUID_NONE);
+    assert_string_equal(error.where, where);
+}
+
+static void wrong_bakes_are_refused(void **state)
+{
+    (void)state;
+    const struct geometry good = {.type = GEOMETRY_BAKED_MICROMAP,
+                                  .bake = {.width = 16384,
+                                           .height = 1,
+                                           .row_stride = 16384,
+                                           .wrap_u = BAKE_CLAMP_TO_EDGE,
+                                           .is_nearest = 1,
+                                           .cutoff = 1,
+                                           .format = 2,
+                                           .level = BAKE_LEVEL_AUTO,
+                                           .coordinate_stride = 8,
+                                           .vertex_count = 5,
+                                           .index_type = INDEX_NONE}};
+    struct geometry geometry = good;
+    expect(&good, BVHD_VUID_NONE, BVHD_VUID_NONE);
+    assert_int_equal(kind_find(GEOMETRY_BAKED_MICROMAP)->vertices(&good), 16384 + 40);
+#define BREAK(member, value, name)                                                                                     \
+    do {                                                                                                               \
+        geometry = good;                                                                                               \
+        geometry.bake.member = value;                                                                                  \
+        expect_bake(&geometry, name);                                                                                  \
+    } while (0)
+    BREAK(width, 0, "width");
+    BREAK(width, 16385, "width");
+    BREAK(height, 0, "height");
+    BREAK(wrap_u, 3, "wrapU");
+    BREAK(wrap_v, UINT32_MAX, "wrapV");
+    BREAK(is_nearest, 2, "isNearest");
+    BREAK(mode, 2, "mode");
+    BREAK(format, 0, "format");
+    BREAK(format, 3, "format");
+    BREAK(level, 13, "level");
+    BREAK(cutoff, -0.5f, "cutoff");
+    BREAK(cutoff, __builtin_nanf(""), "cutoff");
+    BREAK(index_type, INDEX_UINT8, "indexType");
+    BREAK(row_stride, 16383, "rowStride");
+    BREAK(row_stride, UINT64_C(1) << 32, "rowStride");
+    BREAK(coordinate_stride, 6, "coordinateStride");
+#undef BREAK
+    geometry = good;
+    geometry.bake.mode = BAKE_BLEND;
+    geometry.bake.cutoff = -1; /* BLEND has no cutoff */
+    expect(&geometry, BVHD_VUID_NONE, BVHD_VUID_NONE);
+}
+
 /* Breaks each rule that both round kinds have, one after the other: an earlier one is reported before a later one. */
 static void expect_round(struct geometry *geometry, struct geometry_spheres *spheres, const enum bvhd_vuid rules[8])
 {
@@ -287,6 +397,9 @@ int main(void)
         cmocka_unit_test(vertices_of_spheres_are_counted),
         cmocka_unit_test(ends_of_swept_spheres_are_counted),
         cmocka_unit_test(wrong_shapes_are_refused),
+        cmocka_unit_test(wrong_micromaps_are_refused),
+        cmocka_unit_test(wrong_indices_of_micromaps_are_refused),
+        cmocka_unit_test(wrong_bakes_are_refused),
         cmocka_unit_test(wrong_spheres_are_refused),
         cmocka_unit_test(wrong_swept_spheres_are_refused),
         cmocka_unit_test(unusual_spheres_are_accepted),
