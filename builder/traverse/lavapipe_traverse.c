@@ -101,6 +101,7 @@ static void visit_triangle(struct lavapipe_walk *walk, uint32_t leaf)
 static void visit_aabb(struct lavapipe_walk *walk, uint32_t leaf)
 {
     const struct lavapipe_aabb aabb = lavapipe_aabb_at(walk->view, leaf);
+    walk->state.counters.triangles++;
     traverse_leaf_aabb(&walk->state, leaf, id_of(aabb.geometry_and_flags, aabb.primitive),
                        aabb.geometry_and_flags & LAVAPIPE_GEOMETRY_OPAQUE, aabb.min, aabb.max);
 }

@@ -57,15 +57,19 @@ void round_meet_cap(struct traverse_state *state, const struct portable_view *vi
 static void visit_spheres(struct traverse_walk *walk, uint32_t first, uint32_t count)
 {
     const bool is_flipped = walk->state.options->flip_order;
-    for (uint32_t i = 0; i < count && !walk->state.is_done; i++)
+    for (uint32_t i = 0; i < count && !walk->state.is_done; i++) {
+        walk->state.counters.triangles++;
         round_meet_sphere(&walk->state, walk->view, first + (is_flipped ? count - 1 - i : i));
+    }
 }
 
 static void visit_swept_spheres(struct traverse_walk *walk, uint32_t first, uint32_t count)
 {
     const bool is_flipped = walk->state.options->flip_order;
-    for (uint32_t i = 0; i < count && !walk->state.is_done; i++)
+    for (uint32_t i = 0; i < count && !walk->state.is_done; i++) {
+        walk->state.counters.triangles++;
         round_meet_swept(&walk->state, walk->view, first + (is_flipped ? count - 1 - i : i));
+    }
 }
 
 static void grow_spheres(const struct portable_view *view, uint32_t first, uint32_t count, struct box *box)

@@ -142,8 +142,10 @@ BOXTEST_AVX2_INLINE void packet_round_meet(struct packet *packet, uint32_t recor
 BOXTEST_AVX2_INLINE void packet_round_leaf(struct packet *packet, uint32_t child, uint32_t lanes, bool is_swept)
 {
     const uint32_t first = child & CHILD_INDEX_MASK, count = (child >> CHILD_KIND_SHIFT) + 1;
-    for (uint32_t i = 0; i < count && lanes != 0; i++, lanes &= packet->live)
+    for (uint32_t i = 0; i < count && lanes != 0; i++, lanes &= packet->live) {
+        packet->work.counters.triangles += (unsigned)__builtin_popcount(lanes);
         packet_round_meet(packet, first + i, lanes, is_swept);
+    }
 }
 
 #endif

@@ -123,6 +123,7 @@ BOXTEST_AVX2_INLINE bool meet_gathered(struct round_walk *walk, const uint32_t *
 {
     if (!walk->is_prepared)
         prepare_lanes(walk, is_swept);
+    walk->nodes.state->counters.triangles += count;
     if (!meet_lanes(walk, records, count, is_unpacked, is_swept))
         return false;
     for (unsigned at = LANES; __builtin_expect(at < count, 0); at += LANES)

@@ -83,7 +83,7 @@ struct traverse_options {
     bool exact_only; /* test all boxes in double; the answers are the same */
 };
 
-/* The work that was done. Counts are added to, not reset. */
+/* The work that was done: `triangles` are tested primitives of any kind. Counts are added to, not reset. */
 struct traverse_counters {
     uint64_t nodes, triangles, instances;
 };

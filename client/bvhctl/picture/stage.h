@@ -92,7 +92,7 @@ bool stage_look(const struct stage *stage, struct vector origin, struct vector d
 /* Returns the distance to the closest hit, INFINITY if there is none. Any thread. */
 double stage_clearance(const struct stage *stage, struct vector origin, struct vector direction, float time);
 
-/* Returns the mean number of triangle tests of a ray, over some rays between points of the stage. */
+/* Returns the mean number of primitives that a ray is tested against, over some rays between points of the stage. */
 double stage_cost(const struct stage *stage);
 
 /* Returns a point just above the surface that was hit, from which rays may start. */

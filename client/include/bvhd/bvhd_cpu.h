@@ -219,7 +219,8 @@ enum {
 /* The work that rays caused. */
 struct bvhd_cpu_counters {
     size_t struct_size; /* sizeof(struct bvhd_cpu_counters) */
-    uint64_t nodes, triangles, instances; /* visited nodes, tested triangles, entered instances; added to, not reset */
+    /* visited nodes, tested primitives, which may be boxes or spheres, entered instances; added to, not reset */
+    uint64_t nodes, triangles, instances;
 };
 
 /* The rays of a call, and where their hits go. */

@@ -249,6 +249,41 @@ static void ends_lead_to_normals(void **state)
     bed_stop(&bed);
 }
 
+static uint32_t confirm(void *context, struct bvhd_cpu_candidate *candidate)
+{
+    (void)context, (void)candidate;
+    return BVHD_CPU_CONFIRM;
+}
+
+/* Tests are counted as those of triangles, alone, together, and where the program decides about hits. */
+static void tests_are_counted(void **state)
+{
+    (void)state;
+    for (int kind = 0; kind < 2; kind++) {
+        struct bed bed;
+        bed_start(&bed, kind ? VK_GEOMETRY_TYPE_LINEAR_SWEPT_SPHERES_NV : VK_GEOMETRY_TYPE_SPHERES_NV,
+                  VK_RAY_TRACING_LSS_PRIMITIVE_END_CAPS_MODE_CHAINED_NV, 0, 0);
+        struct bvhd_cpu_ray rays[COPIES];
+        struct bvhd_cpu_hit hits[COPIES];
+        for (int i = 0; i < COPIES; i++)
+            rays[i] = ray_from(4, 0, 5, 0, 0, -1); /* which meets one box */
+        for (int way = 0; way < 3; way++) {
+            struct bvhd_cpu_counters counters = {.struct_size = sizeof counters, .triangles = 1000};
+            const struct bvhd_cpu_trace call = {.struct_size = sizeof call,
+                                                .rays = rays,
+                                                .ray_size = sizeof rays[0],
+                                                .hits = hits,
+                                                .hit_size = sizeof hits[0],
+                                                .ray_count = way == 1 ? COPIES : 1,
+                                                .candidate = way == 2 ? confirm : NULL,
+                                                .counters = &counters};
+            assert_int_equal(bvhd_cpu_scene_trace(bed.scene, &call, NULL), BVHD_OK);
+            assert_int_equal(counters.triangles, 1000 + call.ray_count);
+        }
+        bed_stop(&bed);
+    }
+}
+
 static void refuse(enum bvhd_status status, const struct bvhd_error *error, const char *where)
 {
     assert_int_equal(status, BVHD_INVALID);
@@ -282,6 +317,7 @@ int main(void)
         cmocka_unit_test(swept_spheres_tell_the_way),
         cmocka_unit_test(candidates_are_told_about_themselves),
         cmocka_unit_test(ends_lead_to_normals),
+        cmocka_unit_test(tests_are_counted),
         cmocka_unit_test(there_are_no_corners),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
