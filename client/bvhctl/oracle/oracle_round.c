@@ -279,6 +279,9 @@ static bool surely_misses(const struct view *view, const struct oracle_hull *hul
 static enum oracle_presence presence_of_hull(const struct view *view)
 {
     const struct oracle_hull hull = hull_of(view, 0);
+    /* For most lines that miss, the plane across the way to the middle is proof enough. */
+    if (surely_misses(view, &hull, 0.5))
+        return ORACLE_ABSENT;
     double z = oracle_hull_nearest(&hull);
     if (surely_misses(view, &hull, z))
         return ORACLE_ABSENT;
