@@ -220,7 +220,6 @@ static void update_frame(struct update_command *command, uint32_t number)
         frame.moment.is_shutter = true;
         frame.wish.moment = &frame.moment;
     }
-    frame.moment.is_for_updates = true;
     if (options->animation)
         frame.moment.animation = options->animation;
     frame.output = frame_output(command, number);

@@ -96,6 +96,8 @@ is_right far fair.glb
 # Updates go from interval to interval, also from one in which nothing moves.
 cache=kept
 build updated fair.glb --shutter 9:9.04 --flags allow-update --cache $cache
+run 0 trace updated fair.glb --device cpu --size 32x24 -o still.png
+is_right updated fair.glb
 run 0 --local update updated fair.glb --frames 0.5:0.58:0.04 -o seq --cache $cache
 has 'seq/0002: 0.58 s to 0.62 s'
 has '3 frames: '
@@ -106,6 +108,7 @@ run 0 --local build fair.glb -o updated --shutter 9:9.04 --flags allow-update --
 run 0 --local update updated fair.glb --shutter 1:1.5 --cache $cache --json
 one_json_object
 has '"frames":[{"time":1,"end":1.5,'
+run 0 trace updated fair.glb --device cpu --size 32x24 -o moving.png
 is_right updated fair.glb
 
 # Points cannot move by their vertices: they stay, which is counted. Their node moves.

@@ -71,6 +71,7 @@ struct manifest_entry {
     double moment; /* in seconds */
     bool is_shutter; /* and from there over a shutter interval: */
     double end; /* in seconds */
+    bool is_updatable; /* it was built with allow-update */
     bool has_animation; /* the file had one: */
     uint32_t animation; /* its number, from 0 */
     float point_radius, line_radius; /* of its points and lines that have none in its file; 0: they were left out */

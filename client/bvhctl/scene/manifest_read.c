@@ -151,7 +151,9 @@ static enum bvhd_status read_radii(const struct manifest_reader *reader, const c
 
 void manifest_wish_init(struct manifest_wish *wish, const struct manifest_entry *top)
 {
-    *wish = (struct manifest_wish){.moment = {.time = top->moment, .is_shutter = top->is_shutter, .end = top->end}};
+    *wish = (struct manifest_wish){
+        .moment = {
+            .time = top->moment, .is_shutter = top->is_shutter, .end = top->end, .is_for_updates = top->is_updatable}};
     snprintf(wish->scene, sizeof wish->scene, "%u", top->source_number);
     snprintf(wish->animation, sizeof wish->animation, "%u", top->animation);
     wish->moment.animation = top->has_animation ? wish->animation : NULL;
@@ -268,6 +270,8 @@ static enum bvhd_status read_entries(struct manifest_reader *reader, const cJSON
             return status;
     }
     manifest->options = manifest_read_options(root);
+    for (uint32_t i = 0; i < manifest->count; i++)
+        manifest->entries[i].is_updatable = manifest->options.build_flags & BUILD_ALLOW_UPDATE;
     return read_source_files(reader, root, manifest);
 }
 

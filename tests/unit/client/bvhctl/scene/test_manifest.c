@@ -153,6 +153,16 @@ static void test_wish(void **state)
                      BVHD_OK);
     manifest_wish_init(&wish, &manifest.entries[0]);
     assert_true(wish.wish.moment && wish.wish.moment->is_shutter && wish.wish.moment->end == 1.5);
+    assert_false(wish.wish.moment->is_for_updates);
+    manifest_finish(&manifest);
+    assert_int_equal(
+        read_text("{\"schema\":1,\"options\":{\"target\":\"portable\",\"flags\":[\"allow-update\"]},\"structures\":[{"
+                  "\"file\":\"a\",\"type\":\"tlas\",\"scene\":\"s\",\"name\":\"n\",\"target\":\"portable\","
+                  "\"geometries\":[],\"handles\":[],\"source_moment\":{\"time\":1,\"end\":2,\"animation\":0}}]}",
+                  &memory, &manifest, NULL),
+        BVHD_OK);
+    manifest_wish_init(&wish, &manifest.entries[0]);
+    assert_true(wish.wish.moment->is_for_updates);
     manifest_finish(&manifest);
     assert_int_equal(read_text(ENTRY("\"a\"", "\"tlas\"",
                                      ",\"handles\":[],\"source_scene\":{\"number\":4,\"name\":\"night\"},"
