@@ -11,6 +11,8 @@
 #include "builder/kernel/leaves.h"
 #include "builder/input/outline.h"
 #include "builder/method.h"
+#include "builder/top/crossing.h"
+#include "builder/top/moving_split.h"
 #include "builder/top/pieces.h"
 #include "builder/input/primitive.h"
 #include "builder/rescale.h"
@@ -43,6 +45,7 @@ struct construction {
     struct split_tree tree;
     bool rescaled;
     bool moves; /* refs have boxes that hold each primitive at all times, until the tree is there */
+    bool crosses; /* so does much of what is near in these boxes: it is divided by the boxes of both ends */
     bool needs_binary; /* the caller wants the binary tree, or has to change it before it is made wide */
     bool is_second; /* this is the second attempt (make_shallow_tree); the first one has already reported progress */
     struct ir ir; /* when `wide` was joined from pieces, only the boxes and refs that layouts read */
@@ -51,35 +54,6 @@ struct construction {
     double clock; /* clock_ms() when the running stage began */
     struct bvhd_error *error;
 };
-
-const char *build_quality_name(enum build_quality quality)
-{
-    static const char *const names[] = {
-        [QUALITY_UNSPECIFIED] = "unspecified",
-        [QUALITY_FAST] = "fast",
-        [QUALITY_BALANCED] = "balanced",
-        [QUALITY_HIGH] = "high",
-        [QUALITY_AUTO] = "auto",
-    };
-    return (unsigned)quality < sizeof names / sizeof *names ? names[quality] : "unknown";
-}
-
-static const char *const builder_names[] = {[BUILDER_OWN] = "own", [BUILDER_EMBREE] = "embree"};
-
-const char *build_builder_name(enum build_builder builder)
-{
-    return (unsigned)builder < sizeof builder_names / sizeof *builder_names ? builder_names[builder] : "unknown";
-}
-
-bool build_builder_from_name(const char *name, enum build_builder *ret_builder)
-{
-    for (enum build_builder builder = BUILDER_OWN; builder <= BUILDER_EMBREE; builder++)
-        if (strcmp(name, builder_names[builder]) == 0) {
-            *ret_builder = builder;
-            return true;
-        }
-    return false;
-}
 
 static enum bvhd_status cancelled(const struct construction *construction)
 {
@@ -106,9 +80,11 @@ static void count_primitives(const struct canonical *canonical, struct build_sta
     }
 }
 
-/* Returns how many primitives may share a leaf before the collapse. */
+/* Returns how many primitives may share a leaf before the collapse, which knows the boxes of both ends. */
 static uint32_t leaf_max(const struct construction *construction)
 {
+    if (construction->crosses)
+        return 1;
     const uint32_t most = construction->layout->leaf_max, first = construction->record->first_leaf;
     return first < most ? first : most;
 }
@@ -120,16 +96,20 @@ static uint32_t leaf_max(const struct construction *construction)
  */
 static const float fast_cut = 4, balanced_cut = 0.85f;
 
-/* Runs of primitives share a ref from the start, unless the method looks at each of them. */
+/* Runs of primitives share a ref from the start, unless the method or the split looks at each of them. */
 static struct leaves_options runs_for(const struct construction *construction)
 {
-    return (struct leaves_options){method_takes_runs(construction->method) ? leaf_max(construction) : 1,
+    const bool are_runs = method_takes_runs(construction->method) && !construction->crosses;
+    return (struct leaves_options){are_runs ? leaf_max(construction) : 1,
                                    construction->quality == QUALITY_FAST ? fast_cut : balanced_cut};
 }
 
+/* What crosses is divided by the boxes of both ends down to this many refs, whose boxes of all times are then small. */
+enum { CROSSING_PIECE = 64 };
+
 static uint32_t piece_size(const struct construction *construction)
 {
-    return method_piece_size(construction->method, construction->refs.count);
+    return construction->crosses ? CROSSING_PIECE : method_piece_size(construction->method, construction->refs.count);
 }
 
 /*
@@ -139,7 +119,46 @@ static uint32_t piece_size(const struct construction *construction)
 static bool is_scattered(const struct construction *construction)
 {
     return !method_is_spatial(construction->method) && construction->refs.count > piece_size(construction) &&
-           !construction->rescaled;
+           !construction->rescaled && !construction->crosses;
+}
+
+static void free_refs(struct construction *construction)
+{
+    struct memory *memory = construction->context->memory;
+    memory_free(memory, construction->refs.refs);
+    memory_free(memory, construction->refs.blocks);
+    memory_free(memory, construction->scratch);
+    construction->refs.refs = construction->scratch = NULL;
+    construction->refs.blocks = NULL;
+}
+
+static enum bvhd_status collect_refs(struct construction *construction)
+{
+    const struct leaves_options runs = runs_for(construction);
+    enum bvhd_status status = primitive_collect_blocks(construction->canonical, &runs, construction->context,
+                                                       &construction->refs, construction->error);
+    if (status == BVHD_OK)
+        construction->rescaled = rescale_is_needed(&construction->refs.bounds);
+    return status;
+}
+
+/*
+ * Finds out whether what moves crosses. Then each primitive has a ref, and the pieces are so small that only simple
+ * methods are worth their preparation; Embree's builder makes its own trees.
+ */
+static enum bvhd_status look_at_motion(struct construction *construction)
+{
+    struct memory *memory = construction->context->memory;
+    if (!construction->moves || construction->rescaled || method_is_embree(construction->method))
+        return BVHD_OK;
+    if (crossing_find(construction->canonical, &construction->refs, memory, &construction->crosses) != BVHD_OK)
+        return bvhd_error_no_memory(construction->error, "", "no memory to look at the motion of primitives");
+    if (!construction->crosses)
+        return BVHD_OK;
+    if (construction->method != PIECES_PLOC)
+        construction->method = PIECES_BINNED;
+    free_refs(construction);
+    return collect_refs(construction);
 }
 
 static enum bvhd_status collect(struct construction *construction)
@@ -148,8 +167,9 @@ static enum bvhd_status collect(struct construction *construction)
     const struct build_context *context = construction->context;
     struct build_stats *stats = &construction->stats;
     struct primitive_refs *refs = &construction->refs;
-    const struct leaves_options runs = runs_for(construction);
-    enum bvhd_status status = primitive_collect_blocks(canonical, &runs, context, refs, construction->error);
+    enum bvhd_status status = collect_refs(construction);
+    if (status == BVHD_OK)
+        status = look_at_motion(construction);
     if (status != BVHD_OK)
         return status;
     count_primitives(canonical, stats);
@@ -159,7 +179,6 @@ static enum bvhd_status collect(struct construction *construction)
     stats->bounds = refs->bounds;
     if (refs->count > 0 && canonical->type == STRUCTURE_BOTTOM && !outline_find(canonical, context, &stats->slabs))
         return cancelled(construction);
-    construction->rescaled = rescale_is_needed(&refs->bounds);
     if (!(is_scattered(construction) || primitive_close_gaps(refs, context)))
         return cancelled(construction);
     if (construction->rescaled && !rescale_refs(refs, context))
@@ -188,12 +207,15 @@ static bool may_split(const struct construction *construction)
     return splits && !(canonical->flags & (BUILD_LOW_MEMORY | BUILD_ALLOW_UPDATE)) && clip_allowed(canonical);
 }
 
-/* Cuts the refs by a sample; the result lies in the other array, so the two are swapped. */
+/* Cuts the refs by a sample, or by both ends; the result lies in the other array, so the two are swapped. */
 static enum bvhd_status scatter(struct construction *construction, const struct split_request *request)
 {
     const struct build_context *context = construction->context;
     enum bvhd_status status =
-        scatter_refs(request, context->memory, context->parallel, &construction->tree, construction->error);
+        construction->crosses
+            ? moving_split(request, construction->canonical, context->memory, context->parallel, &construction->tree,
+                           construction->error)
+            : scatter_refs(request, context->memory, context->parallel, &construction->tree, construction->error);
     construction->refs.refs = request->scratch;
     construction->scratch = request->refs;
     return status;
@@ -297,16 +319,6 @@ static struct pieces_request pieces_wanted(const struct construction *constructi
     };
 }
 
-static void free_refs(struct construction *construction)
-{
-    struct memory *memory = construction->context->memory;
-    memory_free(memory, construction->refs.refs);
-    memory_free(memory, construction->refs.blocks);
-    memory_free(memory, construction->scratch);
-    construction->refs.refs = construction->scratch = NULL;
-    construction->refs.blocks = NULL;
-}
-
 static void free_split(struct construction *construction)
 {
     free_refs(construction);
@@ -350,7 +362,7 @@ static struct collapse_options collapse_wanted(const struct construction *constr
 static bool collapses_at_once(const struct construction *construction)
 {
     return construction->method == PIECES_PLOC && !construction->needs_binary && !construction->rescaled &&
-           !construction->layout->inflate_boxes && construction->layout->arity != 2 &&
+           !construction->crosses && !construction->layout->inflate_boxes && construction->layout->arity != 2 &&
            construction->tree.piece_count > 1;
 }
 

@@ -6,8 +6,9 @@
  * Stages: primitive boxes -> a split into pieces at the top -> a tree for each piece, one thread each -> one joined
  * binary tree (ir) -> passes over it -> collapse into 8-wide nodes -> layout, which writes the blob. Where something
  * moves, trees are built over boxes that hold each primitive at all times, and get those of t = 0 and t = 1 before they
- * are joined (top/restore.h). With quality fast, pieces are collapsed one by one and joined as wide trees
- * (wide_pieces.h). Stages run on context->parallel; the cancel flag is checked between pieces and stages.
+ * are joined (top/restore.h); what crosses is divided by those of both ends (top/moving_split.h). With quality fast,
+ * pieces are collapsed one by one and joined as wide trees (wide_pieces.h). Stages run on context->parallel; the cancel
+ * flag is checked between pieces and stages.
  */
 #ifndef BVHD_BUILD_H
 #define BVHD_BUILD_H

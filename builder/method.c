@@ -28,6 +28,11 @@ bool method_is_spatial(enum pieces_method method)
     return method == PIECES_SPATIAL || method == PIECES_EMBREE_HIGH;
 }
 
+bool method_is_embree(enum pieces_method method)
+{
+    return method == PIECES_EMBREE_LOW || method == PIECES_EMBREE_MEDIUM || method == PIECES_EMBREE_HIGH;
+}
+
 bool method_takes_runs(enum pieces_method method)
 {
     return method == PIECES_PLOC || method == PIECES_BINNED;

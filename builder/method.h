@@ -22,6 +22,9 @@ enum pieces_method method_choose(const struct canonical *canonical, enum build_b
 /* True for methods whose top is divided by spatial_split, and that may split triangles. */
 bool method_is_spatial(enum pieces_method method);
 
+/* True for methods by which Embree builds the pieces. */
+bool method_is_embree(enum pieces_method method);
+
 /* True for methods that take runs of primitives as one ref (primitive.h). */
 bool method_takes_runs(enum pieces_method method);
 

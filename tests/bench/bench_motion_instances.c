@@ -5,11 +5,11 @@
  *
  *     bench_motion_instances [--size N] [--turns N] [--count N] MESH.ply
  *
- * N instances of the mesh are turned at random and placed in a cube, so that their boxes overlap a little. Each moves by
- * a matrix: by up to a fifth of its size, and it is sheared a little. It prints rays a second of both: the primary rays
- * of a picture in tiles, and rays in all directions from where these hit. All rays are in one call; first all have the
- * time 0.5, so that the hits are the same, then each has a time of its own. Subjects take turns; the figures are medians
- * over the turns, of rates and of their ratios within a turn, in processor time.
+ * N instances of the mesh are turned at random and placed in a cube, so that their boxes overlap a little. Each moves
+ * by a matrix: by up to a fifth of its size, and it is sheared a little. It prints rays a second of both: the primary
+ * rays of a picture in tiles, and rays in all directions from where these hit. All rays are in one call; first all have
+ * the time 0.5, so that the hits are the same, then each has a time of its own. Subjects take turns; the figures are
+ * medians over the turns, of rates and of their ratios within a turn, in processor time.
  */
 #include <float.h>
 #include <math.h>
