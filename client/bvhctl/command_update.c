@@ -65,6 +65,8 @@ static enum bvhd_status read_directory(struct update_command *command, struct bv
                               "them: build it again");
     if (!(built->build_flags & BUILD_ALLOW_UPDATE))
         return bvhd_error_set(error, BVHD_INVALID, path, "it was built without --flags allow-update");
+    if (run->options->has_shutter && !command->top->is_shutter)
+        return bvhd_error_set(error, BVHD_INVALID, path, "it was built without --shutter, so that nothing of it moves");
     manifest_wish_init(&command->wish, command->top);
     run->complete.build = built->build;
     run->complete.build_flags = built->build_flags;

@@ -111,6 +111,11 @@ has '"frames":[{"time":1,"end":1.5,'
 run 0 trace updated fair.glb --device cpu --size 32x24 -o moving.png
 is_right updated fair.glb
 
+build fixed fair.glb --at 1 --flags allow-update --cache $cache
+run 1 --local update fixed fair.glb --shutter 1:2 --cache $cache
+says 'fixed: it was built without --shutter'
+one_error_line
+
 # Points cannot move by their vertices: they stay, which is counted. Their node moves.
 cat >dots.gltf <<'END'
 {"asset":{"version":"2.0"},"nodes":[{"mesh":0,"name":"dots"}],
