@@ -183,7 +183,8 @@ static enum bvhd_status collect_references(const struct scene_build *job, struct
         seen[bottom] = true;
         assembly->handles[assembly->handle_count] = bottom;
         struct bvhd_reference *reference = &references[assembly->handle_count++];
-        *reference = (struct bvhd_reference){.handle = UINT64_C(1) + bottom, .has_key = 1, .key = item->key};
+        *reference = (struct bvhd_reference){
+            .handle = UINT64_C(1) + bottom, .has_key = 1, .key = item->key, .moves = item->moves};
         memcpy(reference->bounds, item->bounds, sizeof reference->bounds);
         memcpy(reference->slabs, item->slabs, sizeof reference->slabs);
     }
