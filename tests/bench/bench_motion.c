@@ -135,7 +135,7 @@ static uint32_t trace_one_by_one(const struct bvhd_cpu_scene *scene, const struc
     uint32_t hits = 0;
     for (uint32_t i = 0; i < rays->count; i++) {
         const struct bench_rays one = {&rays->rays[i], &rays->hits[i], 1};
-        hits += bench_trace(scene, &one);
+        hits += bench_trace(scene, &one, NULL);
     }
     return hits;
 }
@@ -144,7 +144,7 @@ static uint32_t trace(const struct scene_of *scene, enum who who, const struct b
 {
     if (who == ALONE)
         return trace_one_by_one(scene->opened[MOVING], rays);
-    return who == EMBREE ? bench_trace_embree(scene->embree, rays, kind) : bench_trace(scene->opened[who], rays);
+    return who == EMBREE ? bench_trace_embree(scene->embree, rays, kind) : bench_trace(scene->opened[who], rays, NULL);
 }
 
 /* Finds the side of a triangle from which a ray hit it. Returns false if it has none. */
@@ -215,7 +215,7 @@ static void measure_rays(struct scene_of *scene, const struct settings *settings
     double light[3];
     bvhd_cpu_scene_bounds(scene->opened[STILL], bounds);
     const double radius = bench_make_primary(bounds, settings->size, &rays[BENCH_PRIMARY], light);
-    bench_trace(scene->opened[STILL], &rays[BENCH_PRIMARY]);
+    bench_trace(scene->opened[STILL], &rays[BENCH_PRIMARY], NULL);
     const struct bench_surface surface = {find_normal, scene, 1e-5 * radius, 0};
     bench_make_secondary(&surface, &rays[BENCH_PRIMARY], light, &rays[BENCH_DIFFUSE], &rays[BENCH_SHADOW]);
     for (enum bench_kind kind = BENCH_PRIMARY; kind < BENCH_KINDS; kind++) {
@@ -271,7 +271,7 @@ static void run_scene(const char *path, const struct settings *settings, RTCDevi
     measure_builds(&scene, settings, totals);
     totals->scenes++;
     for (int i = 0; i < 2 && !settings->is_build_only; i++)
-        scene.opened[i] = bench_open(scene.items[i].blob, scene.items[i].size);
+        scene.opened[i] = bench_open(&(struct bvhd_cpu_blob){scene.items[i].blob, scene.items[i].size}, 1);
     if (!settings->is_build_only) {
         build_embree(&scene, device);
         measure_rays(&scene, settings, totals);

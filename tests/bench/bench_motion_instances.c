@@ -11,21 +11,12 @@
  * the time 0.5, so that the hits are the same, then each has a time of its own. Subjects take turns; the figures are
  * medians over the turns, of rates and of their ratios within a turn, in processor time.
  */
-#include <float.h>
-#include <math.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
-#include <time.h>
-
-#include <bvhd/bvhd_cpu.h>
-
 #include "builder/traverse/motion.h"
 #include "builder/update/batch.h"
+#include "tests/bench/bench_rays.h"
 #include "tests/bench/ply_input.h"
-#include "tests/support/random.h"
 
-enum { TILE = 8, TURNS_MAX = 1000, STILL_WORDS = 16, MOVING_WORDS = 40, MATRIX = 12, MATRIX_FIELDS = 2 + 2 * MATRIX };
+enum { STILL_WORDS = 16, MOVING_WORDS = 40, MATRIX = 12, MATRIX_FIELDS = 2 + 2 * MATRIX };
 
 enum who { MOVING, STILL, SUBJECTS };
 
@@ -45,45 +36,6 @@ struct bed {
     uint32_t count;
 };
 
-struct rays {
-    struct bvhd_cpu_ray *rays;
-    struct bvhd_cpu_hit *hits;
-    uint32_t count;
-};
-
-static void fail(const char *what)
-{
-    fprintf(stderr, "bench_motion_instances: %s\n", what);
-    exit(1);
-}
-
-static void *need(uint64_t size)
-{
-    void *block = calloc(size ? size : 1, 1);
-    if (!block)
-        fail("no memory");
-    return block;
-}
-
-static double now(void)
-{
-    struct timespec time;
-    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &time);
-    return (double)time.tv_sec + 1e-9 * (double)time.tv_nsec;
-}
-
-static int compare_doubles(const void *a, const void *b)
-{
-    double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-
-static double median(double *values, uint32_t count)
-{
-    qsort(values, count, sizeof *values, compare_doubles);
-    return values[count / 2];
-}
-
 static void build_one(struct bed *bed, struct build_input *input, struct batch_item *item)
 {
     const struct limits limits = limits_default();
@@ -91,7 +43,7 @@ static void build_one(struct bed *bed, struct build_input *input, struct batch_i
     struct bvhd_error error = {0};
     if (batch_build(input, 1, &limits, &context, item, &error) != BVHD_OK || item->status != BVHD_OK) {
         fprintf(stderr, "%s %s %s %s\n", error.where, error.text, item->error.where, item->error.text);
-        fail("a structure does not build");
+        bench_fail("a structure does not build");
     }
 }
 
@@ -143,10 +95,7 @@ static void open_scene(struct bed *bed, enum who who)
 {
     const struct bvhd_cpu_blob blobs[2] = {{bed->bottom.blob, bed->bottom.size},
                                            {bed->tops[who].blob, bed->tops[who].size}};
-    const struct bvhd_cpu_scene_options options = {.struct_size = sizeof options, .blobs = blobs, .blob_count = 2};
-    struct bvhd_error error;
-    if (bvhd_cpu_scene_create(&options, &bed->scenes[who], &error) != BVHD_OK)
-        fail(error.text);
+    bed->scenes[who] = bench_open(blobs, 2);
 }
 
 static void make_bed(struct bed *bed, const struct ply *ply)
@@ -155,8 +104,8 @@ static void make_bed(struct bed *bed, const struct ply *ply)
     struct build_input bottom = ply_input(ply, QUALITY_BALANCED, &geometry);
     memory_init(&bed->memory, UINT64_MAX);
     build_one(bed, &bottom, &bed->bottom);
-    bed->records[MOVING] = need((uint64_t)bed->count * MOVING_WORDS * 4);
-    bed->records[STILL] = need((uint64_t)bed->count * STILL_WORDS * 4);
+    bed->records[MOVING] = bench_need((uint64_t)bed->count * MOVING_WORDS * 4);
+    bed->records[STILL] = bench_need((uint64_t)bed->count * STILL_WORDS * 4);
     make_records(bed, &bed->bottom.summary.bounds);
     for (enum who who = MOVING; who < SUBJECTS; who++) {
         const uint64_t size = (uint64_t)bed->count * (who == MOVING ? MOVING_WORDS : STILL_WORDS) * 4;
@@ -176,9 +125,9 @@ static void make_bed(struct bed *bed, const struct ply *ply)
                                   .references = &reference,
                                   .reference_count = 1,
                                   .options = {.quality = QUALITY_BALANCED, .target = TARGET_PORTABLE}};
-        const double start = now();
+        const double start = bench_now(CLOCK_THREAD_CPUTIME_ID);
         build_one(bed, &top, &bed->tops[who]);
-        printf("  %-8s built in %.2f ms, %llu bytes\n", names[who], 1e3 * (now() - start),
+        printf("  %-8s built in %.2f ms, %llu bytes\n", names[who], 1e3 * (bench_now(CLOCK_THREAD_CPUTIME_ID) - start),
                (unsigned long long)bed->tops[who].size);
         open_scene(bed, who);
     }
@@ -186,19 +135,14 @@ static void make_bed(struct bed *bed, const struct ply *ply)
 
 /* ---- Rays ---- */
 
-static struct rays make_rays(uint32_t count)
-{
-    return (struct rays){need((uint64_t)count * sizeof(struct bvhd_cpu_ray)),
-                         need((uint64_t)count * sizeof(struct bvhd_cpu_hit)), count};
-}
-
 /* Rays of a tile of pixels follow one another. */
-static void make_primary(const float bounds[6], uint32_t size, struct rays *rays)
+static void make_primary(const float bounds[6], uint32_t size, struct bench_rays *rays)
 {
     for (uint32_t i = 0; i < rays->count; i++) {
-        const uint32_t tile = i / (TILE * TILE), pixel = i % (TILE * TILE), row = size / TILE;
-        const double at[3] = {(tile % row * TILE + pixel % TILE + 0.5) / size,
-                              (tile / row * TILE + pixel / TILE + 0.5) / size, 0.5};
+        const uint32_t tile = i / (BENCH_TILE * BENCH_TILE), pixel = i % (BENCH_TILE * BENCH_TILE),
+                       row = size / BENCH_TILE;
+        const double at[3] = {(tile % row * BENCH_TILE + pixel % BENCH_TILE + 0.5) / size,
+                              (tile / row * BENCH_TILE + pixel / BENCH_TILE + 0.5) / size, 0.5};
         struct bvhd_cpu_ray *ray = &rays->rays[i];
         *ray = (struct bvhd_cpu_ray){.tmax = FLT_MAX, .mask = 0xff, .time = 0.5f};
         for (int axis = 0; axis < 3; axis++) {
@@ -210,7 +154,7 @@ static void make_primary(const float bounds[6], uint32_t size, struct rays *rays
 }
 
 /* Rays in all directions from where others hit, or begin. */
-static void make_scattered(const struct rays *primary, struct rays *rays)
+static void make_scattered(const struct bench_rays *primary, struct bench_rays *rays)
 {
     struct random random = {5};
     for (uint32_t i = 0; i < rays->count; i++) {
@@ -227,49 +171,39 @@ static void make_scattered(const struct rays *primary, struct rays *rays)
     }
 }
 
-static uint32_t trace(const struct bvhd_cpu_scene *scene, const struct rays *rays, struct bvhd_cpu_counters *counters)
+/* Rays that both subjects trace, and how many of them have hit. */
+struct comparison {
+    const struct bed *bed;
+    const struct bench_rays *rays;
+    uint32_t hits[SUBJECTS];
+};
+
+static void trace_one(void *context, unsigned subject)
 {
-    const struct bvhd_cpu_trace trace = {.struct_size = sizeof trace,
-                                         .rays = rays->rays,
-                                         .ray_size = sizeof *rays->rays,
-                                         .hits = rays->hits,
-                                         .hit_size = sizeof *rays->hits,
-                                         .ray_count = rays->count,
-                                         .counters = counters};
-    struct bvhd_error error;
-    uint32_t hits = 0;
-    if (bvhd_cpu_scene_trace(scene, &trace, &error) != BVHD_OK)
-        fail(error.text);
-    for (uint32_t i = 0; i < rays->count; i++)
-        hits += rays->hits[i].blob != BVHD_CPU_NO_BLOB;
-    return hits;
+    struct comparison *all = context;
+    all->hits[subject] = bench_trace(all->bed->scenes[subject], all->rays, NULL);
 }
 
 /* Traces rays by both subjects in turns. `is_same` says that the hits must be. */
-static void compare(const struct bed *bed, const struct rays *rays, uint32_t turns, const char *what, bool is_same)
+static void compare(const struct bed *bed, const struct bench_rays *rays, uint32_t turns, const char *what,
+                    bool is_same)
 {
-    static double times[SUBJECTS][TURNS_MAX], ratios[TURNS_MAX];
-    uint32_t hits[SUBJECTS];
+    static double times[SUBJECTS][BENCH_TURNS_MAX];
+    struct comparison all = {.bed = bed, .rays = rays};
+    const struct bench_turns in_turns = {turns, SUBJECTS, CLOCK_THREAD_CPUTIME_ID, trace_one, &all};
     struct bvhd_cpu_counters counters[SUBJECTS] = {{.struct_size = sizeof *counters},
                                                    {.struct_size = sizeof *counters}};
-    for (uint32_t turn = 0; turn < turns; turn++) {
-        for (unsigned i = 0; i < SUBJECTS; i++) {
-            const unsigned which = (i + turn) % SUBJECTS;
-            const double start = now();
-            hits[which] = trace(bed->scenes[which], rays, NULL);
-            times[which][turn] = now() - start;
-        }
-        ratios[turn] = times[STILL][turn] / times[MOVING][turn];
-    }
+    bench_take_turns(&in_turns, times);
     for (unsigned i = 0; i < SUBJECTS; i++)
-        trace(bed->scenes[i], rays, &counters[i]);
+        bench_trace(bed->scenes[i], rays, &counters[i]);
+    const double ratio = bench_ratio(times[STILL], times[MOVING], turns);
     printf("  %-24s %.3f of still (%.2f and %.2f Mray/s, %.1f and %.1f nodes, %.2f and %.2f instances a ray)\n", what,
-           median(ratios, turns), 1e-6 * rays->count / median(times[MOVING], turns),
-           1e-6 * rays->count / median(times[STILL], turns), (double)counters[MOVING].nodes / rays->count,
+           ratio, 1e-6 * rays->count / bench_median(times[MOVING], turns),
+           1e-6 * rays->count / bench_median(times[STILL], turns), (double)counters[MOVING].nodes / rays->count,
            (double)counters[STILL].nodes / rays->count, (double)counters[MOVING].instances / rays->count,
            (double)counters[STILL].instances / rays->count);
-    if (is_same && hits[MOVING] != hits[STILL])
-        fail("instances that move are hit otherwise than those that stand still");
+    if (is_same && all.hits[MOVING] != all.hits[STILL])
+        bench_fail("instances that move are hit otherwise than those that stand still");
 }
 
 static void run(const char *path, uint32_t count, uint32_t size, uint32_t turns)
@@ -279,13 +213,13 @@ static void run(const char *path, uint32_t count, uint32_t size, uint32_t turns)
     struct random random = {3};
     float bounds[6];
     if (!ply)
-        fail(path);
+        bench_fail(path);
     printf("%s: %u triangles, %u instances\n", path, ply->triangle_count, count);
     make_bed(&bed, ply);
-    struct rays primary = make_rays(size * size), scattered = make_rays(size * size);
+    struct bench_rays primary = bench_rays_make(size * size), scattered = bench_rays_make(size * size);
     bvhd_cpu_scene_bounds(bed.scenes[STILL], bounds);
     make_primary(bounds, size, &primary);
-    trace(bed.scenes[STILL], &primary, NULL);
+    bench_trace(bed.scenes[STILL], &primary, NULL);
     make_scattered(&primary, &scattered);
     compare(&bed, &primary, turns, "primary", true);
     compare(&bed, &scattered, turns, "scattered", true);
@@ -299,17 +233,9 @@ static void run(const char *path, uint32_t count, uint32_t size, uint32_t turns)
         free(bed.records[i]);
     }
     batch_finish(&bed.bottom, 1, &bed.memory);
-    free(primary.rays);
-    free(primary.hits);
-    free(scattered.rays);
-    free(scattered.hits);
+    bench_rays_free(&primary);
+    bench_rays_free(&scattered);
     ply_free(ply);
-}
-
-static uint32_t read_number(const char *text, uint32_t least, uint32_t most)
-{
-    const unsigned long number = strtoul(text, NULL, 10);
-    return number < least ? least : number > most ? most : (uint32_t)number;
 }
 
 int main(int argc, char **argv)
@@ -317,11 +243,11 @@ int main(int argc, char **argv)
     uint32_t size = 256, turns = 9, count = 1000;
     for (int i = 1; i < argc; i++) {
         if (strcmp(argv[i], "--size") == 0 && i + 1 < argc)
-            size = read_number(argv[++i], TILE, 8192) / TILE * TILE;
+            size = bench_read_number(argv[++i], BENCH_TILE, 8192) / BENCH_TILE * BENCH_TILE;
         else if (strcmp(argv[i], "--turns") == 0 && i + 1 < argc)
-            turns = read_number(argv[++i], 1, TURNS_MAX);
+            turns = bench_read_number(argv[++i], 1, BENCH_TURNS_MAX);
         else if (strcmp(argv[i], "--count") == 0 && i + 1 < argc)
-            count = read_number(argv[++i], 1, 1000000);
+            count = bench_read_number(argv[++i], 1, 1000000);
         else
             run(argv[i], count, size, turns);
     }

@@ -107,15 +107,17 @@ static inline double bench_ratio(const double *one, const double *other, uint32_
 
 /* ---- Structures ---- */
 
-/* Traces the rays in one call, and returns how many have hit. */
-static inline uint32_t bench_trace(const struct bvhd_cpu_scene *scene, const struct bench_rays *rays)
+/* Traces the rays in one call, and returns how many have hit. `counters` may be NULL. */
+static inline uint32_t bench_trace(const struct bvhd_cpu_scene *scene, const struct bench_rays *rays,
+                                   struct bvhd_cpu_counters *counters)
 {
     const struct bvhd_cpu_trace trace = {.struct_size = sizeof trace,
                                          .rays = rays->rays,
                                          .ray_size = sizeof *rays->rays,
                                          .hits = rays->hits,
                                          .hit_size = sizeof *rays->hits,
-                                         .ray_count = rays->count};
+                                         .ray_count = rays->count,
+                                         .counters = counters};
     struct bvhd_error error;
     uint32_t hits = 0;
     if (bvhd_cpu_scene_trace(scene, &trace, &error) != BVHD_OK)
@@ -125,10 +127,9 @@ static inline uint32_t bench_trace(const struct bvhd_cpu_scene *scene, const str
     return hits;
 }
 
-static inline struct bvhd_cpu_scene *bench_open(const void *blob, uint64_t size)
+static inline struct bvhd_cpu_scene *bench_open(const struct bvhd_cpu_blob *blobs, uint32_t count)
 {
-    const struct bvhd_cpu_blob blobs[1] = {{blob, size}};
-    const struct bvhd_cpu_scene_options options = {.struct_size = sizeof options, .blobs = blobs, .blob_count = 1};
+    const struct bvhd_cpu_scene_options options = {.struct_size = sizeof options, .blobs = blobs, .blob_count = count};
     struct bvhd_cpu_scene *scene = NULL;
     struct bvhd_error error;
     if (bvhd_cpu_scene_create(&options, &scene, &error) != BVHD_OK)

@@ -129,6 +129,12 @@ static void build_subject(struct subject *subject, const struct settings *settin
         bench_fail("a structure does not build");
 }
 
+static void open_subject(struct subject *subject)
+{
+    const struct bvhd_cpu_blob blob = {subject->item.blob, subject->item.size};
+    subject->opened = bench_open(&blob, 1);
+}
+
 static void finish_subject(struct subject *subject)
 {
     bvhd_cpu_scene_destroy(subject->opened);
@@ -141,7 +147,7 @@ static void finish_subject(struct subject *subject)
 
 static uint32_t trace(const struct subject *subject, const struct bench_rays *rays, enum bench_kind kind)
 {
-    return subject->embree ? bench_trace_embree(subject->embree, rays, kind) : bench_trace(subject->opened, rays);
+    return subject->embree ? bench_trace_embree(subject->embree, rays, kind) : bench_trace(subject->opened, rays, NULL);
 }
 
 /* Finds the direction away from the axis of what was hit, or from the centre. */
@@ -205,7 +211,7 @@ static void measure_all_rays(struct subject *subjects, unsigned count, const str
     double light[3];
     memcpy(bounds, &subjects[0].item.summary.bounds, sizeof bounds);
     bench_make_primary(bounds, settings->size, &rays[BENCH_PRIMARY], light);
-    bench_trace(subjects[0].opened, &rays[BENCH_PRIMARY]);
+    bench_trace(subjects[0].opened, &rays[BENCH_PRIMARY], NULL);
     const struct bench_surface surface = {find_normal, mesh, 0, 1e-5};
     bench_make_secondary(&surface, &rays[BENCH_PRIMARY], light, &rays[BENCH_DIFFUSE], &rays[BENCH_SHADOW]);
     for (enum bench_kind kind = BENCH_PRIMARY; kind < BENCH_KINDS; kind++) {
@@ -265,7 +271,7 @@ static void run_hair(const struct settings *settings, RTCDevice device)
     printf("  bytes: %lu of %lu, 1 / %.2f\n", (unsigned long)subjects[0].item.size,
            (unsigned long)subjects[1].item.size, (double)subjects[1].item.size / (double)subjects[0].item.size);
     for (int i = 0; i < 2; i++)
-        subjects[i].opened = bench_open(subjects[i].item.blob, subjects[i].item.size);
+        open_subject(&subjects[i]);
     measure_all_rays(subjects, 3, settings, &hair);
     for (int i = 0; i < 3; i++)
         finish_subject(&subjects[i]);
@@ -289,7 +295,7 @@ static void run_cloud(const struct settings *settings, RTCDevice device)
     memory_init(&subjects[0].memory, UINT64_MAX);
     build_subject(&subjects[0], settings, &parallel_serial);
     printf("%u spheres: %lu bytes\n", cloud.vertex_count, (unsigned long)subjects[0].item.size);
-    subjects[0].opened = bench_open(subjects[0].item.blob, subjects[0].item.size);
+    open_subject(&subjects[0]);
     measure_all_rays(subjects, 2, settings, &cloud);
     for (int i = 0; i < 2; i++)
         finish_subject(&subjects[i]);
