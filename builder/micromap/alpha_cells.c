@@ -38,6 +38,7 @@ static void set_thresholds(const struct alpha_source *source, struct alpha_cells
     cells->most_failing = source->mode == BAKE_MASK ? least - 1 : 0;
     cells->least_opaque = least;
     cells->threshold = (double)cutoff * 255;
+    cells->is_mask = source->mode == BAKE_MASK;
     cells->may_bound = source->mode == BAKE_MASK && !source->is_nearest && least > 0 && least < 256;
 }
 

@@ -47,6 +47,7 @@ struct alpha_cells {
     int least_passing, most_failing; /* texels; 256 and -1 if there is none */
     int least_opaque; /* texels that count as opaque where one or the other has to be said */
     double threshold; /* what filtered alpha, from 0 to 255, has to reach for that */
+    bool is_mask; /* points where alpha is tested pass or fail; with BLEND most do neither */
     bool may_bound; /* whether bounds of filtered alpha can decide more than texels do */
     unsigned char *block; /* memory of all orders */
 };

@@ -35,15 +35,14 @@ struct bake_request {
     uint32_t coordinate_count;
     const uint32_t *indices; /* three for each triangle; NULL: 0, 1, 2, ... */
     uint32_t triangle_count;
-    const float *
-        weights; /* how much each triangle counts in the choice of levels and in statistics, at least 0; NULL: 1 each */
+    const float *weights; /* how much each triangle counts, at least 0; NULL: 1 each */
     float extra[2]; /* how far samplers' coordinates may be off beyond rounding, as with a transform in the shader */
     enum micro_format format;
     uint32_t level; /* 0 to MICRO_LEVEL_MAX, or BAKE_LEVEL_AUTO, which chooses levels (level_choice.h) */
-    /* Of BAKE_LEVEL_AUTO: the highest level; what a byte has to decide, in triangles; and the most bytes of states. */
-    unsigned last_level;
-    double worth;
-    uint64_t budget;
+    /* Of BAKE_LEVEL_AUTO: */
+    unsigned last_level; /* the highest level */
+    double worth; /* what a byte has to decide, in triangles */
+    uint64_t budget; /* the most bytes, counted before equal states are stored once */
 };
 
 /* What the triangles of the mesh are made of. Shares are means over them, by weight. */

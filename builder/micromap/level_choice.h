@@ -2,12 +2,14 @@
 /*
  * level_choice.h - chooses levels for triangles by how much more they decide for their bytes.
  *
- * A triangle at level 0 takes no bytes: a special index says all of it. A step from a level to a higher one decides
- * further parts of the triangle and takes further bytes; its worth is the one divided by the other, times the weight of
- * the triangle. From its level each triangle takes the step of the greatest worth, of equal ones the longest, then
- * again from there, so that the worth of its steps falls. Steps of all triangles are taken in the order of falling
- * worth, those of equal worth in the order of triangles, until one is worth less than it has to be, or would exceed the
- * budget. (That is the greedy answer to a knapsack problem, which is as good as the best but for one step.)
+ * A triangle at level 0 takes no bytes: a special index says all of it. At other levels it takes those of its states
+ * and of its entry in the micromap; that equal states are stored once is not known yet. A step from a level to a
+ * higher one decides further parts of the triangle and takes further bytes; its worth is the one divided by the other,
+ * times the weight of the triangle. From its level each triangle takes the step of the greatest worth, of equal ones
+ * the longest, then again from there, so that the worth of its steps falls. Steps of all triangles are taken in the
+ * order of falling worth, those of equal worth in the order of triangles, until one is worth less than it has to be,
+ * or would exceed the budget. (That is the greedy answer to a knapsack problem, which is as good as the best but for
+ * one step.)
  */
 #ifndef BVHD_LEVEL_CHOICE_H
 #define BVHD_LEVEL_CHOICE_H

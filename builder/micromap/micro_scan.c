@@ -142,9 +142,8 @@ unsigned micro_scan_corners(const struct alpha_cells *cells, const struct textur
 {
     const struct micro_grid *grid = &triangle->grids[level];
     const double sign = is_upright ? 1 : -1, *u = grid->step_u, *v = grid->step_v;
-    unsigned seen = alpha_cells_pass(cells, anchor[0], anchor[1]) ? ALPHA_PASSES : ALPHA_FAILS;
-    seen |= alpha_cells_pass(cells, anchor[0] + sign * u[0], anchor[1] + sign * u[1]) ? ALPHA_PASSES : ALPHA_FAILS;
-    if (seen != both)
-        seen |= alpha_cells_pass(cells, anchor[0] + sign * v[0], anchor[1] + sign * v[1]) ? ALPHA_PASSES : ALPHA_FAILS;
-    return seen;
+    const unsigned passed = (unsigned)alpha_cells_pass(cells, anchor[0], anchor[1]) +
+                            (unsigned)alpha_cells_pass(cells, anchor[0] + sign * u[0], anchor[1] + sign * u[1]) +
+                            (unsigned)alpha_cells_pass(cells, anchor[0] + sign * v[0], anchor[1] + sign * v[1]);
+    return passed == 3 ? ALPHA_PASSES : passed == 0 ? ALPHA_FAILS : ALPHA_PASSES | ALPHA_FAILS;
 }

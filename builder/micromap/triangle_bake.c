@@ -14,9 +14,8 @@ struct walk {
     const struct texture_triangle *triangle;
     enum micro_format format;
     unsigned last; /* level */
-    unsigned char *states; /* NULL: only decided parts are counted */
+    unsigned char *states;
     uint32_t *counts;
-    uint32_t *decided; /* parts of MICRO_COUNT_MAX that each level decides first */
     uint32_t tests;
     bool is_cancelled;
 };
@@ -112,24 +111,22 @@ static inline unsigned look(struct walk *walk, unsigned level, const struct spot
                       walk->triangle->grids[level].order);
 }
 
-/* Returns the state of a micro-triangle. Bounds are computed last: points that differ often settle it before. */
+/*
+ * Returns the state of a micro-triangle. Where alpha is filtered, points that differ are looked for first: half of the
+ * micro-triangles along an outline have some. Bounds are computed last.
+ */
 static enum micro_state look_closely(struct walk *walk, unsigned level, const struct spot *spot)
 {
     const struct alpha_cells *cells = walk->baker->cells;
     const struct micro_grid *grid = &walk->triangle->grids[level];
     count_test(walk);
-    unsigned seen = micro_scan(cells, walk->triangle, level, spot->is_upright, spot->anchor, grid->order_last);
-    if (is_decided(seen))
-        return state_of(seen);
     const bool passes = middle_passes(walk, level, spot);
     const enum micro_state unknown = passes ? MICRO_UNKNOWN_OPAQUE : MICRO_UNKNOWN_TRANSPARENT;
-    if (!grid->may_bound)
+    if (cells->is_mask && micro_scan_corners(cells, walk->triangle, level, spot->is_upright, spot->anchor) !=
+                              (passes ? ALPHA_PASSES : ALPHA_FAILS))
         return unknown;
-    const unsigned both = ALPHA_PASSES | ALPHA_FAILS;
-    seen = (seen & both) | (passes ? ALPHA_PASSES : ALPHA_FAILS);
-    if (seen != both)
-        seen |= micro_scan_corners(cells, walk->triangle, level, spot->is_upright, spot->anchor);
-    if (seen != both)
+    unsigned seen = micro_scan(cells, walk->triangle, level, spot->is_upright, spot->anchor, grid->order_last);
+    if (!is_decided(seen) && grid->may_bound)
         seen = micro_scan_bounds(cells, walk->triangle, level, spot->is_upright, spot->anchor);
     return is_decided(seen) ? state_of(seen) : unknown;
 }
@@ -187,17 +184,19 @@ static void write_below(struct walk *walk, unsigned level, uint32_t index, const
     }
 }
 
-static void count_below(struct walk *walk, unsigned level, const struct micro *micro)
+/* Returns how many parts of MICRO_COUNT_MAX are decided below a micro-triangle at the last level. */
+static uint32_t count_below(struct walk *walk, unsigned level, const struct micro *micro)
 {
     const struct spot spot = spot_of(walk, level, micro);
-    if (look_closely(walk, level, &spot) <= MICRO_OPAQUE) {
-        walk->decided[level] += micro_triangle_count(MICRO_LEVEL_MAX - level);
-        return;
-    }
-    for (unsigned child = 0; child < 4 && level < walk->last && !walk->is_cancelled; child++) {
+    const bool is_last = level == walk->last;
+    if (is_last ? look_closely(walk, level, &spot) <= MICRO_OPAQUE : is_decided(look(walk, level, &spot)))
+        return micro_triangle_count(MICRO_LEVEL_MAX - level);
+    uint32_t decided = 0;
+    for (unsigned child = 0; child < 4 && !is_last && !walk->is_cancelled; child++) {
         const struct micro next = child_of(micro, child);
-        count_below(walk, level + 1, &next);
+        decided += count_below(walk, level + 1, &next);
     }
+    return decided;
 }
 
 static void prefetch(const struct walk *walk)
@@ -273,26 +272,21 @@ bool triangle_bake_explore(const struct triangle_baker *baker, const struct text
                            enum micro_format format, unsigned last, double worth,
                            uint32_t ret_decided[MICRO_LEVEL_MAX + 1])
 {
-    uint32_t first[MICRO_LEVEL_MAX + 1] = {0};
-    struct walk walk = {.baker = baker, .triangle = triangle, .format = format, .decided = first};
-    if (triangle->is_everywhere) {
-        if (is_decided(triangle_bake_whole(baker, triangle)))
-            first[0] = MICRO_COUNT_MAX;
-    } else {
-        /* Each round repeats the ones before, which cost a half to a third of it in all. */
-        uint32_t decided = 0;
-        for (walk.last = 0; walk.last <= last; walk.last++) {
-            memset(first, 0, sizeof first);
-            count_below(&walk, 0, &whole);
-            decided = 0;
-            for (unsigned level = 0; level <= walk.last; level++)
-                decided += first[level];
-            if (walk.is_cancelled || !is_worth_it(format, walk.last, decided, worth))
-                break;
-        }
-    }
+    struct walk walk = {.baker = baker, .triangle = triangle, .format = format};
     uint32_t decided = 0;
-    for (unsigned level = 0; level <= MICRO_LEVEL_MAX; level++)
-        ret_decided[level] = decided += first[level];
+    bool goes_on = !triangle->is_everywhere;
+    if (triangle->is_everywhere && is_decided(triangle_bake_whole(baker, triangle)))
+        decided = MICRO_COUNT_MAX;
+    else if (goes_on)
+        prefetch(&walk);
+    for (walk.last = 0; walk.last <= MICRO_LEVEL_MAX; walk.last++) {
+        goes_on = goes_on && walk.last <= last && !walk.is_cancelled;
+        if (goes_on) {
+            const uint32_t now = count_below(&walk, 0, &whole);
+            decided = now > decided ? now : decided; /* blocks of texels can make it less */
+            goes_on = walk.last < MICRO_LEVEL_MAX && is_worth_it(format, walk.last, decided, worth);
+        }
+        ret_decided[walk.last] = decided;
+    }
     return !walk.is_cancelled;
 }

@@ -14,7 +14,7 @@ static const struct build_context context = {.memory = &memory, .parallel = &par
 
 static uint64_t bytes_at(unsigned level)
 {
-    return level == 0 ? 0 : micro_triangle_bytes(MICRO_4_STATE, level);
+    return level == 0 ? 0 : micro_triangle_bytes(MICRO_4_STATE, level) + 8;
 }
 
 static void make_facts(struct random *random, struct level_facts facts[TRIANGLES])
@@ -118,6 +118,24 @@ static void test_late_gain(void **state)
     assert_int_equal(level, 3);
 }
 
+/* Of steps of one worth the first triangles get them, as far as the budget reaches. */
+static void test_ties(void **state)
+{
+    (void)state;
+    enum { COUNT = 40 };
+    struct level_facts facts[COUNT];
+    unsigned char levels[COUNT];
+    for (int i = 0; i < COUNT; i++) {
+        facts[i] = (struct level_facts){.weight = i == 30 ? 2 : 1};
+        for (unsigned level = 2; level <= MICRO_LEVEL_MAX; level++)
+            facts[i].decided[level] = MICRO_COUNT_MAX / 2;
+    }
+    const struct level_limits limits = {.format = MICRO_4_STATE, .last = 5, .worth = 0, .budget = 12 * 11 + 3};
+    assert_int_equal(level_choice_make(facts, COUNT, &limits, &context, levels, NULL), BVHD_OK);
+    for (int i = 0; i < COUNT; i++)
+        assert_int_equal(levels[i], i < 10 || i == 30 ? 2 : 0);
+}
+
 static void test_failures(void **state)
 {
     (void)state;
@@ -141,10 +159,8 @@ int main(void)
 {
     memory_init(&memory, UINT64_MAX);
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_best),
-        cmocka_unit_test(test_worth),
-        cmocka_unit_test(test_late_gain),
-        cmocka_unit_test(test_failures),
+        cmocka_unit_test(test_best), cmocka_unit_test(test_worth),    cmocka_unit_test(test_late_gain),
+        cmocka_unit_test(test_ties), cmocka_unit_test(test_failures),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
