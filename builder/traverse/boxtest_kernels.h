@@ -229,21 +229,31 @@ BOXTEST_AVX2_INLINE void span_avx2(const struct boxtest_ray *ray, const struct p
 }
 
 /*
- * Returns the children of which the ray has something along all axes. Distances are compared as integers, which is
- * faster: floats have the same order as integers unless both are negative. Of two negative floats the larger integer is
- * the lesser float, so that intervals never become shorter.
+ * Returns the children of which the ray has something along all axes, and where its intervals in their boxes begin and
+ * end. Distances are compared as integers, which is faster: floats have the same order as integers unless both are
+ * negative. Of two negative floats the larger integer is the lesser float, so that intervals never become shorter.
  */
-BOXTEST_AVX2_INLINE unsigned meet_spans(const struct boxtest_ray *ray, const struct spans *spans, float tmax,
-                                        float ret_near[8])
+BOXTEST_AVX2_INLINE unsigned join_spans(const struct boxtest_ray *ray, const struct spans *spans, float tmax,
+                                        __m256 *ret_first, __m256 *ret_last)
 {
     const __m256i *near = spans->near, *far = spans->far;
     const __m256i first = _mm256_max_epi32(_mm256_max_epi32(near[0], near[1]),
                                            _mm256_max_epi32(near[2], _mm256_castps_si256(_mm256_set1_ps(ray->tmin))));
     const __m256i last = _mm256_min_epi32(_mm256_min_epi32(far[0], far[1]),
                                           _mm256_min_epi32(far[2], _mm256_castps_si256(_mm256_set1_ps(tmax))));
-    _mm256_storeu_si256((__m256i *)(void *)ret_near, first);
-    return (unsigned)_mm256_movemask_ps(
-        _mm256_cmp_ps(_mm256_castsi256_ps(first), _mm256_castsi256_ps(last), _CMP_LE_OQ));
+    *ret_first = _mm256_castsi256_ps(first);
+    *ret_last = _mm256_castsi256_ps(last);
+    return (unsigned)_mm256_movemask_ps(_mm256_cmp_ps(*ret_first, *ret_last, _CMP_LE_OQ));
+}
+
+/* Does the same; ret_near are where the intervals begin. */
+BOXTEST_AVX2_INLINE unsigned meet_spans(const struct boxtest_ray *ray, const struct spans *spans, float tmax,
+                                        float ret_near[8])
+{
+    __m256 first, last;
+    const unsigned hits = join_spans(ray, spans, tmax, &first, &last);
+    _mm256_storeu_ps(ret_near, first);
+    return hits;
 }
 
 /* Returns whether a step of a node with these exponents is too small for the bound that is common to all nodes. */
@@ -308,11 +318,13 @@ BOXTEST_AVX2_INLINE __m256 unpacked_planes_at(const struct unpacked_node *node, 
 }
 
 /*
- * Tests the eight children of an unpacked node; ret_near are lower bounds of the distances. Empty slots are never met;
- * parallel axes are ignored. The ray's tmin is not negative.
+ * Tests the eight children of an unpacked node; the intervals in which the ray is in their boxes are bounded by
+ * *ret_first and *ret_last. Empty slots are never met; parallel axes are ignored. The ray's tmin is not negative.
  */
-BOXTEST_AVX2_INLINE unsigned kernel_unpacked(const struct boxtest_ray *ray, const struct boxtest_scales *scales,
-                                             const struct unpacked_node *node, float tmax, float ret_near[8])
+BOXTEST_AVX2_INLINE unsigned kernel_unpacked_intervals(const struct boxtest_ray *ray,
+                                                       const struct boxtest_scales *scales,
+                                                       const struct unpacked_node *node, float tmax, __m256 *ret_first,
+                                                       __m256 *ret_last)
 {
     struct spans spans;
     for (int axis = 0; axis < 3; axis++) {
@@ -323,7 +335,17 @@ BOXTEST_AVX2_INLINE unsigned kernel_unpacked(const struct boxtest_ray *ray, cons
             _mm256_castps_si256(_mm256_fmsub_ps(first, _mm256_broadcast_ss(&scales->inner[axis]), slack));
         spans.far[axis] = _mm256_castps_si256(_mm256_fmadd_ps(last, _mm256_broadcast_ss(&scales->outer[axis]), slack));
     }
-    return meet_spans(ray, &spans, tmax, ret_near);
+    return join_spans(ray, &spans, tmax, ret_first, ret_last);
+}
+
+/* Does the same; ret_near are lower bounds of the distances. */
+BOXTEST_AVX2_INLINE unsigned kernel_unpacked(const struct boxtest_ray *ray, const struct boxtest_scales *scales,
+                                             const struct unpacked_node *node, float tmax, float ret_near[8])
+{
+    __m256 first, last;
+    const unsigned hits = kernel_unpacked_intervals(ray, scales, node, tmax, &first, &last);
+    _mm256_storeu_ps(ret_near, first);
+    return hits;
 }
 
 /* Implements boxtest_avx2(). */

@@ -18,6 +18,8 @@ struct leaf_kind {
     void (*prepare)(struct traverse_state *state);
     bool can_unpack; /* unpacked_fill() takes such structures */
     uint32_t shape_floats; /* numbers that unpacked_fill() copies for each record */
+    bool has_packets; /* packet_avx2.c walks through a structure that is unpacked, */
+    bool packs_any; /* and rays that search any hit take less time so */
     traverse_leaf visit;
 
     /* A faster walk for machines with AVX2, which returns false if the general one is needed. NULL: there is none. */

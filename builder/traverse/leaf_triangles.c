@@ -42,6 +42,8 @@ static void grow(const struct portable_view *view, uint32_t first, uint32_t coun
 const struct leaf_kind leaf_triangles = {
     .skip_flag = RAY_SKIP_TRIANGLES,
     .is_triangles = true,
+    .has_packets = true,
+    .packs_any = true,
     .can_unpack = true,
     .visit = visit_triangles,
     .walk_avx2 = traverse_avx2_triangles,
@@ -52,6 +54,8 @@ const struct leaf_kind leaf_triangles = {
 const struct leaf_kind leaf_moving_triangles = {
     .skip_flag = RAY_SKIP_TRIANGLES,
     .is_triangles = true,
+    .has_packets = true,
+    .packs_any = true,
     .moves = true,
     .visit = visit_moving_triangles,
     .walk_avx2 = traverse_avx2_moving,

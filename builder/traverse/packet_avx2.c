@@ -235,8 +235,7 @@ BOXTEST_AVX2_INLINE void go_alone(struct packet *packet, unsigned lane, uint32_t
                                   enum packet_kind kind)
 {
     if (kind_is_round(kind)) {
-        struct round_walk *walk = packet_round_walk(packet, packet->round, lane);
-        (is_any ? round_walk_any : round_walk_closest)(walk, child & CHILD_INDEX_MASK);
+        round_walk_closest(packet_round_walk(packet, packet->round, lane), child & CHILD_INDEX_MASK);
     } else if (is_any) {
         (kind_moves(kind) ? moving_walk_any : avx2_walk_any)(lane_walk(packet, lane, kind), child);
     } else {
@@ -467,29 +466,23 @@ BOXTEST_AVX2 static void packet_walk_top(struct packet *packet, uint32_t lanes, 
         find_closest(packet, lanes, PACKET_TOP);
 }
 
-BOXTEST_AVX2 static void packet_walk_spheres(struct packet *packet, uint32_t lanes, bool is_any)
+BOXTEST_AVX2 static void packet_walk_spheres(struct packet *packet, uint32_t lanes)
 {
-    if (is_any)
-        find_any(packet, lanes, PACKET_SPHERES);
-    else
-        find_closest(packet, lanes, PACKET_SPHERES);
+    find_closest(packet, lanes, PACKET_SPHERES);
 }
 
-BOXTEST_AVX2 static void packet_walk_swept(struct packet *packet, uint32_t lanes, bool is_any)
+BOXTEST_AVX2 static void packet_walk_swept(struct packet *packet, uint32_t lanes)
 {
-    if (is_any)
-        find_any(packet, lanes, PACKET_SWEPT);
-    else
-        find_closest(packet, lanes, PACKET_SWEPT);
+    find_closest(packet, lanes, PACKET_SWEPT);
 }
 
 /* Does what is left to trace a packet through a round kind, of which the bundle is ready. */
-__attribute__((noinline)) BOXTEST_AVX2 static void trace_round(struct packet *packet, uint32_t lanes, bool is_any)
+__attribute__((noinline)) BOXTEST_AVX2 static void trace_round(struct packet *packet, uint32_t lanes)
 {
     const bool is_swept = packet->view->header->content == PORTABLE_SWEPT_SPHERES;
     struct packet_round round;
     packet_round_begin(packet, lanes, is_swept, &round);
-    (is_swept ? packet_walk_swept : packet_walk_spheres)(packet, lanes, is_any);
+    (is_swept ? packet_walk_swept : packet_walk_spheres)(packet, lanes);
 }
 
 /* Puts the rays of a packet that has begun into its lanes. Returns the lanes that can go on. */
@@ -546,7 +539,7 @@ BOXTEST_AVX2 uint32_t packet_avx2_trace(struct traverse_walk *states, const stru
     if (is_top) {
         packet_walk_top(&packet, lanes, is_any);
     } else if (leaf_kind_of(packet.view)->shape_floats != 0) {
-        trace_round(&packet, lanes, is_any);
+        trace_round(&packet, lanes);
     } else {
         packet_triangles_init(&packet, lanes);
         packet_walk(&packet, lanes, is_any);

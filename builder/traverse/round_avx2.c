@@ -174,17 +174,41 @@ BOXTEST_AVX2_INLINE unsigned gather_portable(const struct portable_node *node, u
     return count;
 }
 
-/* Tests a node and meets its leaves. Returns its inner children that the ray meets, or sets *ret_is_done. */
-BOXTEST_AVX2_INLINE unsigned enter_node(struct round_walk *walk, uint32_t index, uint32_t near[SLOTS], bool is_unpacked,
-                                        bool is_swept, bool *ret_is_done)
+BOXTEST_AVX2_INLINE void prefetch_node(const struct unpacked_node *node)
+{
+    for (unsigned line = 0; line < 4; line++)
+        __builtin_prefetch((const char *)node + 64 * line);
+}
+
+/*
+ * Returns the slots of an unpacked node that the ray meets, with lower bounds of the distances, or with the lengths of
+ * the ray in their boxes.
+ */
+BOXTEST_AVX2_INLINE unsigned test_slots(const struct avx2_walk *walk, const struct unpacked_node *node, bool is_any,
+                                        float ret_order[SLOTS])
+{
+    __m256 first, last;
+    const unsigned hits =
+        kernel_unpacked_intervals(&walk->boxes, &walk->scales, node, walk->state->tmax_above, &first, &last);
+    _mm256_storeu_ps(ret_order, is_any ? _mm256_sub_ps(last, first) : first);
+    return __builtin_expect(walk->boxes.parallel_axes != 0, 0) ? boxtest_beside_unpacked(&walk->boxes, node, hits)
+                                                               : hits;
+}
+
+/*
+ * Tests a node and meets its leaves. Returns its inner children that the ray meets, with what test_slots() tells of
+ * them, or sets *ret_is_done.
+ */
+BOXTEST_AVX2_INLINE unsigned enter_node(struct round_walk *walk, uint32_t index, bool is_unpacked, bool is_swept,
+                                        bool is_any, uint32_t ret_order[SLOTS], bool *ret_is_done)
 {
     /* Keeps the compiler from holding the addresses of the walk's numbers, for which there are too few registers. */
     __asm__("" : "+r"(walk));
     const struct portable_node *node = &walk->nodes.view->nodes[index];
     const struct unpacked_node *unpacked = is_unpacked ? &walk->nodes.unpacked[index] : NULL;
     uint32_t records[(PORTABLE_LEAF_MAX + 1) * SLOTS];
-    const unsigned hits = is_unpacked ? test_unpacked(&walk->nodes, unpacked, (float *)near)
-                                      : test_boxes(&walk->nodes, node, (float *)near);
+    const unsigned hits = is_unpacked ? test_slots(&walk->nodes, unpacked, is_any, (float *)ret_order)
+                                      : test_boxes(&walk->nodes, node, (float *)ret_order);
     const unsigned inners = is_unpacked ? inner_slots(unpacked) : node->inner_mask, leaves = hits & ~inners;
     if (leaves != 0) {
         const unsigned count =
@@ -195,21 +219,6 @@ BOXTEST_AVX2_INLINE unsigned enter_node(struct round_walk *walk, uint32_t index,
     return hits & inners;
 }
 
-/* Returns the node in a slot of an inner child. */
-BOXTEST_AVX2_INLINE uint32_t node_in(const struct round_walk *walk, uint32_t index, unsigned slot, bool is_unpacked)
-{
-    return is_unpacked ? walk->nodes.unpacked[index].children[slot] & CHILD_INDEX_MASK
-                       : inner_child(&walk->nodes.view->nodes[index], slot);
-}
-
-BOXTEST_AVX2_INLINE void prefetch_node(const struct round_walk *walk, uint32_t index, bool is_unpacked)
-{
-    const char *at =
-        is_unpacked ? (const char *)&walk->nodes.unpacked[index] : (const char *)&walk->nodes.view->nodes[index];
-    __builtin_prefetch(at);
-    __builtin_prefetch(at + 64);
-}
-
 BOXTEST_AVX2_INLINE void find_closest_in(struct round_walk *walk, uint32_t start, bool is_unpacked, bool is_swept)
 {
     const struct avx2_walk *nodes = &walk->nodes;
@@ -218,7 +227,7 @@ BOXTEST_AVX2_INLINE void find_closest_in(struct round_walk *walk, uint32_t start
     bool is_done = false;
     for (;;) {
         const uint32_t index = child & CHILD_INDEX_MASK;
-        const unsigned inner = enter_node(walk, index, near, is_unpacked, is_swept, &is_done);
+        const unsigned inner = enter_node(walk, index, is_unpacked, is_swept, false, near, &is_done);
         visited++;
         if (is_done)
             break;
@@ -232,56 +241,45 @@ BOXTEST_AVX2_INLINE void find_closest_in(struct round_walk *walk, uint32_t start
     nodes->state->counters.nodes += visited;
 }
 
-/* Moves each bit i to bit i ^ backward. */
-static inline unsigned turn_slots(unsigned slots, unsigned backward)
-{
-    const unsigned once = backward & 1 ? (slots & 0x55) << 1 | (slots >> 1 & 0x55) : slots,
-                   twice = backward & 2 ? (once & 0x33) << 2 | (once >> 2 & 0x33) : once;
-    return backward & 4 ? (twice & 0x0f) << 4 | twice >> 4 : twice;
-}
-
 /*
- * Finds any hit, with the inner children farthest along the ray's octant first, as for triangles. Up to two children
- * are pushed without a branch.
+ * Finds any hit in an unpacked structure. The child in whose box the ray is longest comes first, since it is most likely
+ * to be hit there: rays in hair visit a sixth of the nodes less than in the order of their octant.
  */
-BOXTEST_AVX2_INLINE void find_any_in(struct round_walk *walk, uint32_t start, bool is_unpacked, bool is_swept)
+BOXTEST_AVX2_INLINE void find_any_in(struct round_walk *walk, bool is_swept)
 {
-    const unsigned backward = walk->nodes.boxes.backward;
-    uint32_t stack[AVX2_STACK_SIZE + 1], *top = stack, near[SLOTS];
+    const struct unpacked_node *nodes = walk->nodes.unpacked;
+    uint32_t stack[AVX2_STACK_SIZE], *top = stack, lengths[SLOTS], index = 0;
     uint64_t visited = 0;
     bool is_done = false;
-    *top++ = start;
-    while (top > stack) {
-        const uint32_t index = *--top;
-        unsigned inner = enter_node(walk, index, near, is_unpacked, is_swept, &is_done);
+    for (;;) {
+        unsigned inner = enter_node(walk, index, true, is_swept, true, lengths, &is_done);
         visited++;
         if (is_done)
             break;
-        inner = turn_slots(inner, backward);
-        const unsigned count = (unsigned)__builtin_popcount(inner);
-        unsigned rest = inner & (inner - 1);
-        top[0] = node_in(walk, index, (_tzcnt_u32(inner) % SLOTS) ^ backward, is_unpacked);
-        top[1] = node_in(walk, index, (_tzcnt_u32(rest) % SLOTS) ^ backward, is_unpacked);
-        prefetch_node(walk, top[0], is_unpacked);
-        unsigned at = 2;
-        for (rest &= rest - 1; __builtin_expect(rest != 0, 0); rest &= rest - 1) {
-            top[at] = node_in(walk, index, _tzcnt_u32(rest) ^ backward, is_unpacked);
-            prefetch_node(walk, top[at++], is_unpacked);
+        if (inner == 0) {
+            if (top == stack)
+                break;
+            index = *--top;
+            continue;
         }
-        top += count;
+        const uint32_t *children = nodes[index].children;
+        uint64_t best = to_key(lengths[_tzcnt_u32(inner)], children[_tzcnt_u32(inner)]);
+        while (inner &= inner - 1) {
+            const unsigned slot = _tzcnt_u32(inner);
+            const uint64_t key = to_key(lengths[slot], children[slot]);
+            *top = (uint32_t)(key > best ? best : key) & CHILD_INDEX_MASK;
+            best = key > best ? key : best;
+            prefetch_node(&nodes[*top++]);
+        }
+        index = (uint32_t)best & CHILD_INDEX_MASK;
     }
     walk->nodes.state->counters.nodes += visited;
 }
 
 BOXTEST_AVX2 static void find_portable(struct round_walk *walk, bool is_swept)
 {
-    const bool is_any = walk->nodes.state->ray->flags & RAY_TERMINATE_ON_FIRST_HIT;
-    if (is_swept && is_any)
-        find_any_in(walk, 0, false, true);
-    else if (is_swept)
+    if (is_swept)
         find_closest_in(walk, 0, false, true);
-    else if (is_any)
-        find_any_in(walk, 0, false, false);
     else
         find_closest_in(walk, 0, false, false);
 }
@@ -291,9 +289,9 @@ BOXTEST_AVX2 static void closest_sphere(struct round_walk *walk, uint32_t node)
     find_closest_in(walk, node, true, false);
 }
 
-BOXTEST_AVX2 static void any_sphere(struct round_walk *walk, uint32_t node)
+BOXTEST_AVX2 static void any_sphere(struct round_walk *walk)
 {
-    find_any_in(walk, node, true, false);
+    find_any_in(walk, false);
 }
 
 BOXTEST_AVX2 static void closest_swept(struct round_walk *walk, uint32_t node)
@@ -301,9 +299,9 @@ BOXTEST_AVX2 static void closest_swept(struct round_walk *walk, uint32_t node)
     find_closest_in(walk, node, true, true);
 }
 
-BOXTEST_AVX2 static void any_swept(struct round_walk *walk, uint32_t node)
+BOXTEST_AVX2 static void any_swept(struct round_walk *walk)
 {
-    find_any_in(walk, node, true, true);
+    find_any_in(walk, true);
 }
 
 static bool is_swept(const struct portable_view *view)
@@ -316,15 +314,10 @@ void round_walk_closest(struct round_walk *walk, uint32_t node)
     (is_swept(walk->nodes.view) ? closest_swept : closest_sphere)(walk, node);
 }
 
-void round_walk_any(struct round_walk *walk, uint32_t node)
-{
-    (is_swept(walk->nodes.view) ? any_swept : any_sphere)(walk, node);
-}
-
 static void find_unpacked(struct round_walk *walk)
 {
     if (walk->nodes.state->ray->flags & RAY_TERMINATE_ON_FIRST_HIT)
-        round_walk_any(walk, 0);
+        (is_swept(walk->nodes.view) ? any_swept : any_sphere)(walk);
     else
         round_walk_closest(walk, 0);
 }

@@ -26,9 +26,8 @@ struct round_walk {
 bool round_walk_begin(struct round_walk *walk, struct traverse_state *state, const struct portable_view *view,
                       const struct unpacked_node *unpacked);
 
-/* Walk an unpacked structure from a node on. */
+/* Walks an unpacked structure from a node on, for the closest hit. */
 void round_walk_closest(struct round_walk *walk, uint32_t node);
-void round_walk_any(struct round_walk *walk, uint32_t node);
 
 #endif
 #endif

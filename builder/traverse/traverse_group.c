@@ -84,20 +84,13 @@ static unsigned kind_of(const struct ray *ray)
            (ray->flags & RAY_TERMINATE_ON_FIRST_HIT ? 8 : 0);
 }
 
-/* Returns whether packets can walk through an unpacked structure, other than a top level. */
-static bool has_packets(const struct portable_view *view)
-{
-    const struct leaf_kind *kind = leaf_kind_of(view);
-    return kind->is_triangles || kind->shape_floats != 0;
-}
-
 bool traverse_groups_pay(const struct traverse_stream *stream)
 {
     const struct scene *scene = stream->scene;
     const struct traverse_options *options = stream->options;
     const bool is_unpacked = scene->unpacked && (scene->top ? scene->unpacked_top != NULL
                                                             : scene->bottom_count > 0 && scene->unpacked[0] &&
-                                                                  has_packets(scene->bottoms[0]));
+                                                                  leaf_kind_of(scene->bottoms[0])->has_packets);
     return is_unpacked &&
            (!options ||
             (!options->candidate && !options->flip_order && !options->baseline_only && !options->exact_only)) &&
@@ -156,6 +149,9 @@ static bool is_tile(const struct ray *rays, uint32_t count)
 static uint64_t trace_packets(struct group *group, uint32_t count, uint64_t plain)
 {
     enum { HALF = TILE_ROW / 2 };
+    const struct scene *scene = group->stream->scene;
+    const bool packs_any = scene->top || leaf_kind_of(scene->bottoms[0])->packs_any;
+    const unsigned packed = packs_any ? KINDS : KINDS / 2;
     const bool is_in_tile = is_tile(group->rays, count);
     uint8_t members[KINDS][TRAVERSE_GROUP], counts[KINDS] = {0};
     uint64_t left = 0;
@@ -169,10 +165,12 @@ static uint64_t trace_packets(struct group *group, uint32_t count, uint64_t plai
     }
     for (unsigned kind = 0; kind < KINDS; kind++) {
         unsigned at = 0;
-        for (; at + PACKET_MIN <= counts[kind]; at += LANES)
+        for (; kind < packed && at + PACKET_MIN <= counts[kind]; at += LANES)
             trace_packet(group, &members[kind][at], counts[kind] - at < LANES ? counts[kind] - at : LANES);
         for (; at < counts[kind]; at++)
             left |= UINT64_C(1) << members[kind][at];
+        /* These count as a loss, so that the next ones are not gathered in vain. */
+        group->stream->cost += kind < packed ? 0 : counts[kind];
     }
     decide(group->stream);
     return left;

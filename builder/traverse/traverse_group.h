@@ -45,8 +45,8 @@ uint64_t traverse_group(struct traverse_stream *stream, const struct ray *rays, 
                         struct ray_hit *ret_hits);
 
 /*
- * Traces a packet (packet_avx2.c): the lanes' rays, all plain, of one octant and one kind. Returns the lanes done, and
- * adds to the work.
+ * Traces a packet (packet_avx2.c): the lanes' rays, all plain, of one octant and one kind; through spheres and linear
+ * swept spheres they search the closest hit. Returns the lanes done, and adds to the work.
  */
 uint32_t packet_avx2_trace(struct traverse_walk *states, const struct ray *const rays[8], uint32_t lanes,
                            const struct scene *scene, struct packet_work *work);

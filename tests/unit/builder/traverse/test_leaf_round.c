@@ -303,7 +303,8 @@ static int compare_groups(struct random *random, const struct bed *bed, double s
         stream.alone = group % 8 == 7 ? count : 0;
         const uint64_t is_hit = traverse_group(&stream, rays, count, hits);
         for (uint32_t i = 0; i < count; i++) {
-            const bool is_expected = traverse(&bed->scene.scene, &rays[i], NULL, &expected, NULL);
+            const bool is_expected =
+                traverse(flags ? &bed->unpacked : &bed->scene.scene, &rays[i], NULL, &expected, NULL);
             assert_int_equal(is_hit >> i & 1, is_expected);
             found += is_expected;
             if (is_expected)
