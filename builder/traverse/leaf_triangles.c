@@ -45,6 +45,7 @@ const struct leaf_kind leaf_triangles = {
     .has_packets = true,
     .packs_any = true,
     .can_unpack = true,
+    .unpacks_few = true,
     .visit = visit_triangles,
     .walk_avx2 = traverse_avx2_triangles,
     .walk_plain = traverse_avx2_plain,

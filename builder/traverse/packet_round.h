@@ -39,7 +39,7 @@ BOXTEST_AVX2_INLINE void packet_round_half(const struct packet *packet, int half
     }
     ret_ray->squared = lanes_dot(d, d);
     ret_ray->tmin = lanes_least(_mm256_mul_pd(half_of(packet->tmin, half), scale));
-    ret_ray->is_forward = true; /* as of all plain rays */
+    ret_ray->behind = _mm256_setzero_pd(); /* as of all plain rays */
 }
 
 /* Starts a packet whose rays are ready, except for triangles. It refers to `ret_round` from then on. */

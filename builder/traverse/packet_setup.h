@@ -34,7 +34,7 @@ enum { LANES = 8 };
  * all leaves of a node together; and of the second preparation of a ray that goes on alone. They are fitted to times of
  * packets and of single rays in ten scenes, and in hair and a cloud of spheres.
  */
-enum { COST_STEP = 3, COST_MIXED = 6, COST_TIMES = 1, COST_ROUND = 5, COST_ALONE = 4 };
+enum { COST_STEP = 3, COST_MIXED = 6, COST_TIMES = 1, COST_ROUND = 4, COST_ALONE = 4 };
 
 /* Four of the rays as struct triangle_ray has one. */
 struct packet_triangles {

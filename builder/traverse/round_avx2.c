@@ -28,7 +28,7 @@ __attribute__((noinline)) BOXTEST_AVX2 static void prepare_lanes(struct round_wa
     walk->lanes.squared = _mm256_set1_pd(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
     walk->lanes.scale = _mm256_broadcast_sd(&ray->scale);
     walk->lanes.tmin = lanes_least(_mm256_broadcast_sd(&ray->tmin));
-    walk->lanes.is_forward = ray->tmin >= 0;
+    walk->lanes.behind = _mm256_set1_pd(ray->tmin >= 0 ? 0 : -INFINITY);
     walk->is_prepared = true;
 }
 
@@ -219,6 +219,27 @@ BOXTEST_AVX2_INLINE unsigned enter_node(struct round_walk *walk, uint32_t index,
     return hits & inners;
 }
 
+/* Pushes all inner children in the slots `inner` but the nearest, which it returns, with the nearest of them on top. */
+BOXTEST_AVX2_INLINE uint64_t push_farther(const struct unpacked_node *nodes, uint32_t index, const uint32_t near[SLOTS],
+                                          unsigned inner, uint64_t **top)
+{
+    const uint32_t *children = nodes[index].children;
+    uint64_t nearest = to_key(near[_tzcnt_u32(inner)], children[_tzcnt_u32(inner)]), *base = *top;
+    while (inner &= inner - 1) {
+        const unsigned slot = _tzcnt_u32(inner);
+        const uint64_t key = to_key(near[slot], children[slot]), later = nearest > key ? nearest : key;
+        uint64_t *at = (*top)++;
+        nearest = nearest > key ? key : nearest;
+        for (; at > base && at[-1] < later; at--)
+            at[0] = at[-1];
+        *at = later;
+        const char *node = (const char *)&nodes[(uint32_t)later & CHILD_INDEX_MASK];
+        __builtin_prefetch(node);
+        __builtin_prefetch(node + 64);
+    }
+    return nearest;
+}
+
 BOXTEST_AVX2_INLINE void find_closest_in(struct round_walk *walk, uint32_t start, bool is_unpacked, bool is_swept)
 {
     const struct avx2_walk *nodes = &walk->nodes;
@@ -233,7 +254,7 @@ BOXTEST_AVX2_INLINE void find_closest_in(struct round_walk *walk, uint32_t start
             break;
         if (inner != 0)
             child =
-                (uint32_t)(is_unpacked ? push_unpacked(nodes, 0, near, &nodes->unpacked[index], inner, &top)
+                (uint32_t)(is_unpacked ? push_farther(nodes->unpacked, index, near, inner, &top)
                                        : push_all_but_nearest(nodes, 0, near, &nodes->view->nodes[index], inner, &top));
         else if (!pop_child(nodes, stack, &top, &child))
             break;
@@ -242,8 +263,8 @@ BOXTEST_AVX2_INLINE void find_closest_in(struct round_walk *walk, uint32_t start
 }
 
 /*
- * Finds any hit in an unpacked structure. The child in whose box the ray is longest comes first, since it is most likely
- * to be hit there: rays in hair visit a sixth of the nodes less than in the order of their octant.
+ * Finds any hit in an unpacked structure. The child in whose box the ray is longest comes first, since that is where a
+ * hit is most likely: rays in hair visit a seventh of the nodes less than in the order of their octant.
  */
 BOXTEST_AVX2_INLINE void find_any_in(struct round_walk *walk, bool is_swept)
 {

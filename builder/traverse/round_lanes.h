@@ -18,13 +18,13 @@
 
 #ifdef BOXTEST_AVX2
 
-/* Four rays, or one of them four times, as struct round_ray has one. They begin at t >= 0 if is_forward is true. */
+/* Four rays, or one of them four times, as struct round_ray has one. */
 struct round_lanes_ray {
     __m256d origin[3], direction[3];
     __m256d squared; /* d.d */
     __m256d scale;
     __m256d tmin; /* lowered by lanes_least() */
-    bool is_forward;
+    __m256d behind; /* 0 if tmin >= 0, so that nothing behind the origin counts; else minus infinity */
 };
 
 /*
@@ -123,20 +123,19 @@ BOXTEST_AVX2_INLINE void lanes_meet_spheres(const struct round_lanes_ray *ray, c
     lanes_cross(f, d, x);
     const __m256d squared_r = _mm256_mul_pd(sphere[3], sphere[3]), reach = _mm256_mul_pd(squared_r, dd),
                   missed = lanes_dot(x, x), discriminant = _mm256_sub_pd(reach, missed);
-    const __m256d ff = lanes_dot(f, f), size = _mm256_mul_pd(ff, dd);
-    const __m256d wide = lanes_times(32 * u, _mm256_add_pd(size, reach));
-    wanted &= ~lanes_bits(lanes_less(discriminant, lanes_minus(wide)));
+    const __m256d ff = lanes_dot(f, f), size = _mm256_mul_pd(ff, dd), fd = lanes_dot(f, d);
+    const __m256d wide = lanes_times(32 * u, _mm256_add_pd(size, reach)),
+                  fd_open = lanes_times(8 * u, lanes_dot_size(f, d));
+    wanted &= ~lanes_bits(
+        _mm256_or_pd(lanes_less(discriminant, lanes_minus(wide)), lanes_less(_mm256_add_pd(fd, fd_open), ray->behind)));
     if (wanted == 0) {
         lanes_miss(ret_hits);
         return;
     }
 
-    const __m256d fd = lanes_dot(f, d), fd_open = lanes_times(8 * u, lanes_dot_size(f, d));
     const __m256d outside = _mm256_sub_pd(ff, squared_r),
                   outside_open = lanes_times(8 * u, _mm256_add_pd(ff, squared_r));
-    if (ray->is_forward)
-        wanted &= ~lanes_bits(
-            _mm256_or_pd(lanes_less(fd, lanes_minus(fd_open)), lanes_less(outside, lanes_minus(outside_open))));
+    wanted &= ~lanes_bits(lanes_less(_mm256_add_pd(outside, outside_open), ray->behind));
     const __m256d wider = _mm256_sqrt_pd(lanes_times(2.0001, _mm256_mul_pd(missed, size)));
     const __m256d open = lanes_times(
         8.0001 * u, _mm256_add_pd(_mm256_fmadd_pd(_mm256_set1_pd(8 * u), size, wider), _mm256_add_pd(missed, reach)));

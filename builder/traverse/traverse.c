@@ -88,12 +88,12 @@ enum { UNPACKED_NODES_MAX = 1 << 15 };
 
 /*
  * Returns the unpacked nodes that a single ray is to use. Those of a large structure miss the caches more often than
- * the portable ones, which costs single rays more than they gain.
+ * the portable ones, which costs single rays more than they gain where only the nodes differ.
  */
 static inline const struct unpacked_node *unpacked_of(const struct scene *scene, uint32_t bottom)
 {
     const struct portable_header *header = scene->bottoms[bottom]->header;
-    if (!scene->unpacked || (header->node_count > UNPACKED_NODES_MAX && header->content != PORTABLE_MOVING_TRIANGLES))
+    if (!scene->unpacked || (header->node_count > UNPACKED_NODES_MAX && leaf_kinds[header->content]->unpacks_few))
         return NULL;
     return scene->unpacked[bottom];
 }
