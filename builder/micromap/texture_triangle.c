@@ -8,7 +8,7 @@
  * The rows of cells or blocks that a test looks at are at most so many, at inner levels and at the last, and the
  * columns at most COLUMNS_MAX.
  */
-enum { ROWS_INNER = 8, ROWS_LAST = 128, COLUMNS_MAX = 256 };
+enum { ROWS_INNER = 16, ROWS_LAST = 128, COLUMNS_MAX = 256 };
 
 /*
  * A shader computes w a + u b + v c, or a + u (b - a) + v (c - a), in floats: for numbers up to m, the roundings of the

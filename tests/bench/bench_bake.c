@@ -2,18 +2,19 @@
 /*
  * bench_bake.c - measures how fast opacity micromaps are baked, and how much they decide for their bytes.
  *
- *     bench_bake [--threads N] [--triangles N] [--turns N] [--levels FIRST LAST] [--size N] [--texels N]
+ *     bench_bake [--threads N] [--triangles N] [--turns N] [--levels FIRST LAST] [--size N] [--texels N] [--only NAME]
  *
  * The first table bakes N triangles (100,000), each over 64 x 64 texels (--texels) of a texture of 2048 x 2048 (--size)
  * at a random place and turn, at each level (4): an atlas of 16 x 16 leaves, a fence of 32 x 32 meshes, one large leaf,
  * smooth blots, and noise, where each texel is random. It prints the time of the fastest of some turns (3), in wall
  * clock and in processor time a micro-triangle, bytes of states, and the share of the triangles' area that is certain.
  *
- * The second table bakes one card of two triangles with one leaf of 256 x 256 texels, and one quad of a fence, at each
- * level from 0 to 8: bytes, and the share that is certain, beside the share that no micromap could decide better,
- * because the micro-triangle has both opaque and transparent points, which is sampled.
+ * The second table bakes cards of two triangles with one leaf, and quads with some meshes of a fence, at each level from
+ * 1 to 8: bytes, and the share that is certain, beside the share of micro-triangles in which samples find only opaque or
+ * only transparent points, which is the most that a micromap of this level can decide.
  *
- * The third one chooses levels by their worth, and under budgets, for the leaves of the first.
+ * The third one chooses levels by their worth, and under budgets, for the leaves of the first. With --only and the name
+ * of a texture there is only its part of the first table.
  */
 #include <inttypes.h>
 #include <math.h>
@@ -33,6 +34,7 @@ struct settings {
     unsigned threads, turns, first, last;
     uint32_t triangles, size;
     double texels;
+    const char *only;
 };
 
 struct texture {
@@ -158,6 +160,8 @@ static void print_speed(const struct settings *settings, struct build_context *c
     printf("| texture | filter | level | seconds | processor s | ns a micro-triangle | MB | certain |\n");
     printf("|---|---|---|---|---|---|---|---|\n");
     for (size_t i = 0; i < 2 * sizeof names / sizeof names[0]; i++) {
+        if (settings->only && strcmp(settings->only, names[i / 2]) != 0)
+            continue;
         struct texture texture = draw(names[i / 2], settings->size);
         texture.is_nearest = i & 1;
         for (unsigned level = settings->first; level <= settings->last; level++) {
@@ -221,19 +225,35 @@ static double mixed_share(const struct texture *texture, const float (*coordinat
     return mixed / (2.0 * micro_triangle_count(level));
 }
 
+/* A quad with some pictures beside each other, and as many below each other. */
+struct card {
+    const char *name;
+    uint32_t size;
+    float pictures;
+};
+
 static void print_cards(struct build_context *context)
 {
-    static const float card[6][2] = {{0, 0}, {1, 0}, {0, 1}, {1, 1}, {0, 1}, {1, 0}};
-    printf("\n| card | texels | level | bytes | certain | at most |\n|---|---|---|---|---|---|\n");
-    for (int i = 0; i < 4; i++) {
-        struct texture texture = draw(i < 2 ? "leaf" : "mesh", i & 1 ? 1024 : 256);
-        for (unsigned level = 0; level <= 8; level++) {
-            const struct bake_request request = request_of(&texture, card, 2, level);
+    static const float quad[6][2] = {{0, 0}, {1, 0}, {0, 1}, {1, 1}, {0, 1}, {1, 0}};
+    static const struct card cards[] = {{"leaf", 256, 1},  {"leaf", 1024, 1}, {"mesh", 256, 1},
+                                        {"mesh", 1024, 1}, {"mesh", 256, 3},  {"mesh", 256, 8}};
+    printf("\n| card | texels | pictures | level | bytes | certain | at most |\n|---|---|---|---|---|---|---|\n");
+    for (size_t i = 0; i < sizeof cards / sizeof cards[0]; i++) {
+        struct texture texture = draw(cards[i].name, cards[i].size);
+        float coordinates[6][2];
+        for (int axis = 0; axis < 12; axis++)
+            coordinates[axis / 2][axis % 2] = cards[i].pictures * quad[axis / 2][axis % 2];
+        for (unsigned level = 1; level <= 8; level++) {
+            const struct bake_request request = request_of(&texture, (const float(*)[2])coordinates, 2, level);
             double wall, busy;
             struct baked baked = measure(&request, 1, context, &wall, &busy);
-            printf("| %s | %u | %u | %" PRIu64 " | %.1f %% | %.1f %% |\n", texture.name, texture.size, level,
-                   baked.data_size, 100 * baked.statistics.decided,
-                   level <= 6 ? 100 * (1 - mixed_share(&texture, card, level)) : (double)NAN);
+            printf("| %s | %u | %g x %g | %u | %" PRIu64 " | %.1f %% |", texture.name, texture.size,
+                   (double)cards[i].pictures, (double)cards[i].pictures, level, baked.data_size,
+                   100 * baked.statistics.decided);
+            if (level <= 6)
+                printf(" %.1f %% |\n", 100 * (1 - mixed_share(&texture, (const float(*)[2])coordinates, level)));
+            else
+                printf(" |\n");
             bake_finish(&baked, context->memory);
         }
         free(texture.alpha);
@@ -279,6 +299,8 @@ int main(int argc, char **argv)
             settings.size = number;
         else if (strcmp(argv[i], "--texels") == 0)
             settings.texels = strtod(argv[i + 1], NULL);
+        else if (strcmp(argv[i], "--only") == 0)
+            settings.only = argv[i + 1];
         else if (strcmp(argv[i], "--levels") == 0 && i + 2 < argc) {
             settings.first = number;
             settings.last = (unsigned)strtoul(argv[++i + 1], NULL, 10);
@@ -293,8 +315,10 @@ int main(int argc, char **argv)
         fail(error.text);
     struct build_context context = {.memory = &memory, .parallel = workers_parallel(workers)};
     print_speed(&settings, &context);
-    print_cards(&context);
-    print_choices(&settings, &context);
+    if (!settings.only) {
+        print_cards(&context);
+        print_choices(&settings, &context);
+    }
     workers_destroy(workers);
     return 0;
 }
