@@ -9,9 +9,9 @@
  * smooth blots, and noise, where each texel is random. It prints the time of the fastest of some turns (3), in wall
  * clock and in processor time a micro-triangle, bytes of states, and the share of the triangles' area that is certain.
  *
- * The second table bakes cards of two triangles with one leaf, and quads with some meshes of a fence, at each level from
- * 1 to 8: bytes, and the share that is certain, beside the share of micro-triangles in which samples find only opaque or
- * only transparent points, which is the most that a micromap of this level can decide.
+ * The second table bakes cards of two triangles with one leaf, and quads with some meshes of a fence, at each level
+ * from 1 to 8: bytes, and the share that is certain, beside the share of micro-triangles in which samples find only
+ * opaque or only transparent points, which is the most that a micromap of this level can decide.
  *
  * The third one chooses levels by their worth, and under budgets, for the leaves of the first. With --only and the name
  * of a texture there is only its part of the first table.
