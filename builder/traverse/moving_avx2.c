@@ -210,6 +210,31 @@ BOXTEST_AVX2 bool moving_walk_on_any(struct avx2_walk *walk, struct avx2_cursor 
     return true;
 }
 
+BOXTEST_AVX2 void traverse_avx2_any_moving_instances(struct traverse_walk *walk, const struct boxtest_moving *ray,
+                                                     traverse_leaf leaf)
+{
+    const struct portable_moving_node *nodes =
+        (const struct portable_moving_node *)(const void *)walk->view->nodes; /* a leaf changes the walk's view */
+    uint32_t stack[AVX2_STACK_SIZE], *top = stack;
+    float near[8];
+    *top++ = 0;
+    while (top > stack) {
+        const struct portable_moving_node *moving = &nodes[*--top];
+        const struct portable_node *node = &moving->start;
+        const unsigned hits = kernel_moving_avx2(ray, moving, walk->state.tmax_above, near),
+                       inner = hits & node->inner_mask;
+        walk->state.counters.nodes++;
+        for (unsigned leaves = hits & ~inner; leaves != 0; leaves &= leaves - 1) {
+            const uint32_t meta = node->meta[__builtin_ctz(leaves)];
+            leaf(walk, node->first_record + (meta & 31), (uint32_t)__builtin_popcount(meta >> 5));
+            if (walk->state.is_done)
+                return;
+        }
+        if (inner != 0)
+            top = push_inner(node, inner, ray->still.backward, top);
+    }
+}
+
 /* Does what is left to prepare a ray, of which the boxes are. */
 BOXTEST_AVX2_INLINE void begin(struct avx2_walk *walk, struct traverse_state *state, const struct portable_view *view,
                                const struct unpacked_node *unpacked)
@@ -290,6 +315,12 @@ BOXTEST_AVX2 bool traverse_avx2_moving_world(struct traverse_state *state, const
 }
 
 #else
+
+void traverse_avx2_any_moving_instances(struct traverse_walk *walk, const struct boxtest_moving *ray,
+                                        traverse_leaf leaf)
+{
+    traverse_loop_moving_avx2(walk, ray, leaf);
+}
 
 bool traverse_avx2_moving(struct traverse_state *state, const struct portable_view *view,
                           const struct unpacked_node *unpacked)

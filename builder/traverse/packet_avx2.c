@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * packet_avx2.c - traces up to eight rays at once through unpacked structures. The rays have one octant: their
- * directions have the same signs. Through motion triangles they may have one time or several. Each of them gets the
+ * directions have the same signs. Through what moves they may have one time or several. Each of them gets the
  * answer that it gets alone.
  *
  * A node is first tested against the bundle of all rays, eight boxes at a time, and the children that remain against
@@ -9,6 +9,7 @@
  * put into its space, where those of one octant go on together.
  */
 #include "builder/traverse/leaf_kind.h"
+#include "builder/traverse/packet_instances.h"
 #include "builder/traverse/packet_round.h"
 #include "builder/traverse/packet_triangle.h"
 
@@ -27,7 +28,7 @@ BOXTEST_AVX2_INLINE const struct unpacked_node *node_at(const struct packet *pac
 BOXTEST_AVX2_INLINE __m256 row_of(const struct packet *packet, const struct unpacked_node *node, uint32_t row,
                                   enum packet_kind kind)
 {
-    if (kind == PACKET_MOVING)
+    if (kind == PACKET_MOVING || kind == PACKET_MOVING_TOP)
         return moving_planes_at((const struct unpacked_moving_node *)(const void *)node,
                                 row * (uint32_t)sizeof node->planes[0], _mm256_broadcast_ss(&packet->at.end));
     return _mm256_loadu_ps(node->planes[row]);
@@ -55,7 +56,7 @@ BOXTEST_AVX2_INLINE unsigned test_bundle(const struct packet *packet, const stru
                                           _mm256_broadcast_ss(&packet->far_origin[axis]));
         _mm256_storeu_ps(ret_planes->near[axis], first);
         _mm256_storeu_ps(ret_planes->far[axis], last);
-        if (kind == PACKET_TIMES) {
+        if (kind_has_times(kind)) {
             const struct unpacked_moving_node *moving = (const struct unpacked_moving_node *)(const void *)node;
             const __m256 first_moved = _mm256_loadu_ps(moving->moved[packet->planes.near[axis]]),
                          last_moved = _mm256_loadu_ps(moving->moved[packet->planes.far[axis]]);
@@ -83,7 +84,7 @@ BOXTEST_AVX2_INLINE uint32_t test_lanes(const struct packet *packet, const struc
     for (int axis = 0; axis < 3; axis++) {
         const float *near_plane = &planes->near[axis][slot], *far_plane = &planes->far[axis][slot];
         __m256 near_at, far_at;
-        if (kind == PACKET_TIMES) {
+        if (kind_has_times(kind)) {
             near_at = times_plane(&packet->times, near_plane, &moving->moved[packet->planes.near[axis]][slot]);
             far_at = times_plane(&packet->times, far_plane, &moving->moved[packet->planes.far[axis]][slot]);
         } else {
@@ -112,7 +113,7 @@ BOXTEST_AVX2_INLINE struct avx2_walk *lane_walk(struct packet *packet, unsigned 
             moving_walk_init_world(walk, state, packet->view, &packet->moving_nodes->start);
             avx2_walk_init_triangles(walk);
         } else if (packet->object_to_world) {
-            traverse_state_to_object(state, packet->object_to_world);
+            traverse_state_to_object(state, packet->object_to_world + lane * packet->matrix_step);
             triangle_ray_init(state->origin, state->direction, &state->triangle_ray);
             avx2_walk_init_object(walk, state, packet->view, packet->nodes);
         } else {
@@ -198,11 +199,11 @@ BOXTEST_AVX2_INLINE uint64_t pack(uint32_t near, uint32_t lanes, uint32_t child)
 
 BOXTEST_AVX2_INLINE void prefetch_child(const struct packet *packet, uint32_t child, enum packet_kind kind)
 {
-    const bool is_node = child >= CHILD_ROOT, moves = kind_moves(kind);
+    const bool is_node = child >= CHILD_ROOT, moves = kind_moves(kind), has_corners = moves && !kind_is_top(kind);
     const uintptr_t node_size = moves ? sizeof *packet->moving_nodes : sizeof *packet->nodes;
-    const uintptr_t record_size = moves ? sizeof *packet->moving_triangles : packet->record_size;
+    const uintptr_t record_size = has_corners ? sizeof *packet->moving_triangles : packet->record_size;
     const void *nodes = moves ? (const void *)packet->moving_nodes : packet->nodes;
-    const void *records = moves                 ? (const void *)packet->moving_triangles
+    const void *records = has_corners           ? (const void *)packet->moving_triangles
                           : kind_is_round(kind) ? packet->round->shapes
                                                 : packet->view->records;
     const uintptr_t size = is_node ? node_size : record_size, index = child & CHILD_INDEX_MASK;
@@ -218,12 +219,10 @@ BOXTEST_AVX2_INLINE void count_step(struct packet *packet, uint32_t lanes)
     packet->work.cost += packet->step_cost;
 }
 
-BOXTEST_AVX2 static void meet_instances(struct packet *packet, uint32_t child, uint32_t lanes);
-
 BOXTEST_AVX2_INLINE void meet(struct packet *packet, uint32_t child, uint32_t lanes, enum packet_kind kind)
 {
-    if (kind == PACKET_TOP)
-        meet_instances(packet, child, lanes);
+    if (kind_is_top(kind))
+        packet_instances_meet(packet, child, lanes);
     else if (kind_is_round(kind))
         packet_round_leaf(packet, child, lanes, kind == PACKET_SWEPT);
     else
@@ -255,7 +254,7 @@ BOXTEST_AVX2_INLINE void find_closest(struct packet *packet, uint32_t lanes, enu
     for (;;) {
         if (child < CHILD_ROOT) {
             meet(packet, child, lanes, kind);
-        } else if (kind != PACKET_TOP && __builtin_popcount(lanes) <= ALONE) {
+        } else if (!kind_is_top(kind) && __builtin_popcount(lanes) <= ALONE) {
             for (; lanes != 0; lanes &= lanes - 1) {
                 go_alone(packet, (unsigned)__builtin_ctz(lanes), child, false, kind);
             }
@@ -302,7 +301,7 @@ BOXTEST_AVX2_INLINE void find_any(struct packet *packet, uint32_t root_lanes, en
     while (top > stack) {
         top--;
         uint32_t lanes = (uint32_t)(*top >> 32) & packet->live, index = (uint32_t)*top;
-        if (kind != PACKET_TOP && __builtin_popcount(lanes) <= ALONE) {
+        if (!kind_is_top(kind) && __builtin_popcount(lanes) <= ALONE) {
             for (; lanes != 0; lanes &= lanes - 1) {
                 go_alone(packet, (unsigned)__builtin_ctz(lanes), index, true, kind);
             }
@@ -340,108 +339,6 @@ BOXTEST_AVX2 static void packet_walk(struct packet *packet, uint32_t lanes, bool
         find_closest(packet, lanes, PACKET_TRIANGLES);
 }
 
-/* Adds the work of a packet to other work. */
-static void count(const struct packet *packet, struct packet_work *work)
-{
-    work->counters.nodes += packet->work.counters.nodes;
-    work->counters.triangles += packet->work.counters.triangles;
-    work->counters.instances += packet->work.counters.instances;
-    work->cost += packet->work.cost;
-}
-
-/* Starts a packet in a structure. Its rays are missing. */
-BOXTEST_AVX2_INLINE void packet_begin(struct packet *packet, struct traverse_walk *states,
-                                      const struct portable_view *view, const struct unpacked_node *nodes)
-{
-    packet->states = states;
-    packet->view = view;
-    packet->nodes = nodes;
-    packet->record_size = view->header->content == PORTABLE_INSTANCES ? sizeof(struct portable_instance)
-                                                                      : sizeof(struct portable_triangle);
-    packet->step_cost = COST_STEP;
-    packet->work = (struct packet_work){.cost = 0};
-    packet->ready = 0;
-}
-
-/* Returns those of the lanes whose rays see an instance with this mask. */
-static uint32_t lanes_that_see(const struct packet *packet, uint32_t lanes, uint32_t mask)
-{
-    uint32_t seeing = 0;
-    for (uint32_t rest = lanes; rest != 0; rest &= rest - 1) {
-        const unsigned lane = (unsigned)__builtin_ctz(rest);
-        seeing |= (uint32_t)((packet->states[lane].state.ray->cull_mask & mask) != 0) << lane;
-    }
-    return seeing;
-}
-
-/* Traces lanes through an instance one by one. */
-BOXTEST_AVX2 static void meet_instance_alone(struct packet *packet, uint32_t row, uint32_t lanes)
-{
-    for (; lanes != 0; lanes &= lanes - 1) {
-        const unsigned lane = (unsigned)__builtin_ctz(lanes);
-        traverse_walk_instance(&packet->states[lane], row);
-        lane_limit(packet, lane);
-    }
-}
-
-/* Tells the states of lanes in which instance their next hits are. */
-static void enter_instance(struct packet *packet, const struct traverse_instance *instance, uint32_t lanes)
-{
-    packet->work.counters.instances += (unsigned)__builtin_popcount(lanes);
-    for (; lanes != 0; lanes &= lanes - 1)
-        traverse_state_settle(&packet->states[__builtin_ctz(lanes)].state, instance, RAY_SKIP_TRIANGLES, true);
-}
-
-/* Traces lanes through an instance of triangles together. */
-BOXTEST_AVX2 static void meet_instance_together(struct packet *packet, const struct traverse_instance *instance,
-                                                uint32_t lanes)
-{
-    const struct traverse_walk *first = &packet->states[__builtin_ctz(lanes)];
-    const struct scene *scene = first->scene;
-    const struct portable_instance *record = (const struct portable_instance *)scene->top->records + instance->record;
-    const bool is_any = first->state.ray->flags & RAY_TERMINATE_ON_FIRST_HIT;
-    struct packet inner;
-    packet_begin(&inner, packet->states, scene->bottoms[instance->bottom], scene->unpacked[instance->bottom]);
-    packet_to_object(&inner, packet, record->object_to_world);
-    const uint32_t entered = packet_init(&inner, lanes);
-    inner.live = entered;
-    meet_instance_alone(packet, instance->record, lanes & ~entered);
-    enter_instance(&inner, instance, entered);
-    for (uint32_t rest = entered, same; rest != 0; rest &= ~same) {
-        same = packet_octant(&inner, rest);
-        packet_bundle(&inner, same);
-        packet_triangles_init(&inner, same);
-        packet_walk(&inner, same, is_any);
-    }
-    packet->tmax = _mm256_blendv_ps(packet->tmax, inner.tmax, lane_mask(entered));
-    packet->live &= ~(entered & ~inner.live);
-    count(&inner, &packet->work);
-}
-
-BOXTEST_AVX2 static void meet_instance(struct packet *packet, uint32_t row, uint32_t lanes)
-{
-    const struct scene *scene = packet->states[__builtin_ctz(lanes)].scene;
-    const struct portable_instance *record = (const struct portable_instance *)scene->top->records + row;
-    const uint32_t bottom = scene->rows ? scene->rows[record->handle] : record->handle;
-    const struct traverse_instance instance = {record->custom_and_mask, record->sbt_and_flags, record->instance, bottom,
-                                               row};
-    if (bottom >= scene->bottom_count || !scene->bottoms[bottom])
-        return;
-    lanes = lanes_that_see(packet, lanes, record->custom_and_mask >> 24);
-    const bool is_unpacked = scene->unpacked[bottom] && scene->bottoms[bottom]->header->content == PORTABLE_TRIANGLES;
-    if (__builtin_popcount(lanes) <= ALONE || !is_unpacked)
-        meet_instance_alone(packet, row, lanes);
-    else
-        meet_instance_together(packet, &instance, lanes);
-}
-
-BOXTEST_AVX2 static void meet_instances(struct packet *packet, uint32_t child, uint32_t lanes)
-{
-    const uint32_t first = child & CHILD_INDEX_MASK, count = (child >> CHILD_KIND_SHIFT) + 1;
-    for (uint32_t i = 0; i < count && lanes != 0; i++, lanes &= packet->live)
-        meet_instance(packet, first + i, lanes);
-}
-
 BOXTEST_AVX2 static void packet_walk_moving(struct packet *packet, uint32_t lanes, bool is_any)
 {
     if (is_any)
@@ -464,6 +361,22 @@ BOXTEST_AVX2 static void packet_walk_top(struct packet *packet, uint32_t lanes, 
         find_any(packet, lanes, PACKET_TOP);
     else
         find_closest(packet, lanes, PACKET_TOP);
+}
+
+BOXTEST_AVX2 static void packet_walk_moving_top(struct packet *packet, uint32_t lanes, bool is_any)
+{
+    if (is_any)
+        find_any(packet, lanes, PACKET_MOVING_TOP);
+    else
+        find_closest(packet, lanes, PACKET_MOVING_TOP);
+}
+
+BOXTEST_AVX2 static void packet_walk_times_top(struct packet *packet, uint32_t lanes, bool is_any)
+{
+    if (is_any)
+        find_any(packet, lanes, PACKET_TIMES_TOP);
+    else
+        find_closest(packet, lanes, PACKET_TIMES_TOP);
 }
 
 BOXTEST_AVX2 static void packet_walk_spheres(struct packet *packet, uint32_t lanes)
@@ -495,31 +408,34 @@ BOXTEST_AVX2_INLINE uint32_t packet_take(struct packet *packet, const struct ray
     return lanes;
 }
 
-/* Traces a packet through motion triangles. */
+/* Traces a packet through motion triangles, or motion instances. */
 BOXTEST_AVX2 static uint32_t trace_moving(struct traverse_walk *states, const struct ray *const rays[LANES],
                                           uint32_t lanes, const struct scene *scene, struct packet_work *work)
 {
-    const bool is_any = rays[0]->flags & RAY_TERMINATE_ON_FIRST_HIT;
+    const bool is_top = scene->top != NULL, is_any = rays[0]->flags & RAY_TERMINATE_ON_FIRST_HIT;
     struct packet packet;
-    packet_begin(&packet, states, scene->bottoms[0], scene->unpacked[0]);
+    packet_begin(&packet, states, is_top ? scene->top : scene->bottoms[0],
+                 is_top ? scene->unpacked_top : scene->unpacked[0]);
     packet.moving_nodes = (const struct unpacked_moving_node *)(const void *)packet.nodes;
     packet.moving_triangles = unpacked_moving_triangles(packet.view, packet.moving_nodes);
     packet.at = motion_weights_at(rays[0]->time);
-    const bool have_times = times_init(&packet.times, rays);
+    packet.have_times = times_init(&packet.times, rays);
     lanes = packet_take(&packet, rays, lanes);
     if (lanes == 0)
         return 0;
     packet_widen(&packet);
     packet_bundle(&packet, lanes);
-    packet_triangles_init(&packet, lanes);
-    if (have_times) {
+    if (packet.have_times)
         times_widen(&packet, lanes);
-        packet.step_cost += COST_TIMES;
-        packet_walk_times(&packet, lanes, is_any);
+    if (is_top) {
+        packet.record_size = sizeof(struct portable_moving_instance);
+        (packet.have_times ? packet_walk_times_top : packet_walk_moving_top)(&packet, lanes, is_any);
     } else {
-        packet_walk_moving(&packet, lanes, is_any);
+        packet_triangles_init(&packet, lanes);
+        packet.step_cost += packet.have_times ? COST_TIMES : 0;
+        (packet.have_times ? packet_walk_times : packet_walk_moving)(&packet, lanes, is_any);
     }
-    count(&packet, work);
+    packet_count(&packet, work);
     return lanes;
 }
 
@@ -528,7 +444,7 @@ BOXTEST_AVX2 uint32_t packet_avx2_trace(struct traverse_walk *states, const stru
 {
     const bool is_top = scene->top != NULL, is_any = rays[0]->flags & RAY_TERMINATE_ON_FIRST_HIT;
     struct packet packet;
-    if (!is_top && scene->bottoms[0]->header->content == PORTABLE_MOVING_TRIANGLES)
+    if (leaf_kind_of(is_top ? scene->top : scene->bottoms[0])->moves)
         return trace_moving(states, rays, lanes, scene, work);
     packet_begin(&packet, states, is_top ? scene->top : scene->bottoms[0],
                  is_top ? scene->unpacked_top : scene->unpacked[0]);
@@ -537,6 +453,7 @@ BOXTEST_AVX2 uint32_t packet_avx2_trace(struct traverse_walk *states, const stru
         return 0;
     packet_bundle(&packet, lanes);
     if (is_top) {
+        packet.record_size = sizeof(struct portable_instance);
         packet_walk_top(&packet, lanes, is_any);
     } else if (leaf_kind_of(packet.view)->shape_floats != 0) {
         trace_round(&packet, lanes);
@@ -544,7 +461,7 @@ BOXTEST_AVX2 uint32_t packet_avx2_trace(struct traverse_walk *states, const stru
         packet_triangles_init(&packet, lanes);
         packet_walk(&packet, lanes, is_any);
     }
-    count(&packet, work);
+    packet_count(&packet, work);
     return lanes;
 }
 

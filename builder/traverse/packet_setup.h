@@ -75,7 +75,9 @@ struct packet {
     struct motion_weights at; /* of rays that have one time; else `times` is used */
     struct packet_times times;
     struct packet_round *round; /* only of round kinds */
+    bool have_times; /* the rays have different times, and what they are in moves */
     const float *object_to_world; /* the rays are in the space of this instance; NULL: in world space */
+    uint32_t matrix_step; /* 0: that is so for all lanes; 12: each has the next matrix */
     uint32_t step_cost; /* of a step of this packet */
     struct packet_work work;
     struct traverse_walk *states;
@@ -169,27 +171,15 @@ BOXTEST_AVX2_INLINE __m256 join(__m256d low, __m256d high)
     return _mm256_set_m128(_mm256_cvtpd_ps(high), _mm256_cvtpd_ps(low));
 }
 
-/* Puts the rays of a packet in world space into the space of an instance. */
-BOXTEST_AVX2_INLINE void packet_to_object(struct packet *packet, const struct packet *world,
-                                          const float object_to_world[12])
+/* Finds what follows from exact_origin and exact_direction of rays that were put into the space of an instance. */
+BOXTEST_AVX2_INLINE void packet_settle(struct packet *packet, const struct packet *world)
 {
     const __m256d one = _mm256_set1_pd(1), sign = _mm256_set1_pd(-0.0);
-    struct traverse_inverse inverse;
-    __m256d offset[3][2], rounding[2] = {_mm256_setzero_pd(), _mm256_setzero_pd()};
-    traverse_inverse_init(object_to_world, &inverse);
-    for (int axis = 0; axis < 3; axis++)
-        for (int half = 0; half < 2; half++)
-            offset[axis][half] =
-                _mm256_sub_pd(world->exact_origin[axis][half], _mm256_set1_pd(object_to_world[4 * axis + 3]));
+    __m256d rounding[2] = {_mm256_setzero_pd(), _mm256_setzero_pd()};
     for (int axis = 0; axis < 3; axis++) {
-        const double *row = inverse.rows[axis];
         __m256d reciprocal[2], *origin = packet->exact_origin[axis], *direction = packet->exact_direction[axis];
-        for (int half = 0; half < 2; half++) {
-            const __m256d(*from)[2] = (const __m256d(*)[2])world->exact_direction;
-            origin[half] = scaled_dot(row, offset[0][half], offset[1][half], offset[2][half], inverse.scale);
-            direction[half] = scaled_dot(row, from[0][half], from[1][half], from[2][half], inverse.scale);
+        for (int half = 0; half < 2; half++)
             reciprocal[half] = _mm256_div_pd(one, direction[half]);
-        }
         packet->origin[axis] = join(origin[0], origin[1]);
         packet->direction[axis] = join(direction[0], direction[1]);
         packet->inverse[axis] = join(reciprocal[0], reciprocal[1]);
@@ -199,10 +189,61 @@ BOXTEST_AVX2_INLINE void packet_to_object(struct packet *packet, const struct pa
                 _mm256_max_pd(rounding[half], _mm256_andnot_pd(sign, _mm256_mul_pd(error, reciprocal[half])));
         }
     }
-    packet->object_to_world = object_to_world;
     packet->rounding = join(rounding[0], rounding[1]);
     packet->tmin = world->tmin;
     packet->tmax = world->tmax;
+}
+
+/* Puts the rays of a packet in world space into the space of an instance. */
+BOXTEST_AVX2_INLINE void packet_to_object(struct packet *packet, const struct packet *world,
+                                          const float object_to_world[12])
+{
+    struct traverse_inverse inverse;
+    __m256d offset[3][2];
+    traverse_inverse_init(object_to_world, &inverse);
+    for (int axis = 0; axis < 3; axis++)
+        for (int half = 0; half < 2; half++)
+            offset[axis][half] =
+                _mm256_sub_pd(world->exact_origin[axis][half], _mm256_set1_pd(object_to_world[4 * axis + 3]));
+    for (int axis = 0; axis < 3; axis++) {
+        const double *row = inverse.rows[axis];
+        for (int half = 0; half < 2; half++) {
+            const __m256d(*from)[2] = (const __m256d(*)[2])world->exact_direction;
+            packet->exact_origin[axis][half] =
+                scaled_dot(row, offset[0][half], offset[1][half], offset[2][half], inverse.scale);
+            packet->exact_direction[axis][half] =
+                scaled_dot(row, from[0][half], from[1][half], from[2][half], inverse.scale);
+        }
+    }
+    packet->object_to_world = object_to_world;
+    packet->matrix_step = 0;
+    packet_settle(packet, world);
+}
+
+/* Does the same where each lane has a matrix of its own; the other lanes get what the first one has. */
+BOXTEST_AVX2_INLINE void packet_to_objects(struct packet *packet, const struct packet *world, uint32_t lanes,
+                                           const float (*matrices)[12])
+{
+    double origin[3][LANES], direction[3][LANES];
+    const unsigned first = (unsigned)__builtin_ctz(lanes);
+    for (unsigned lane = 0; lane < LANES; lane++) {
+        const unsigned from = lanes >> lane & 1 ? lane : first;
+        struct traverse_state *state = &packet->states[from].state;
+        if (lane <= first || from == lane)
+            traverse_state_to_object(state, matrices[from]);
+        for (int axis = 0; axis < 3; axis++) {
+            origin[axis][lane] = state->origin[axis];
+            direction[axis][lane] = state->direction[axis];
+        }
+    }
+    for (int axis = 0; axis < 3; axis++)
+        for (int half = 0; half < 2; half++) {
+            packet->exact_origin[axis][half] = _mm256_loadu_pd(&origin[axis][4 * half]);
+            packet->exact_direction[axis][half] = _mm256_loadu_pd(&direction[axis][4 * half]);
+        }
+    packet->object_to_world = matrices[0];
+    packet->matrix_step = 12;
+    packet_settle(packet, world);
 }
 
 /*
@@ -366,6 +407,28 @@ BOXTEST_AVX2 static void packet_triangles_init(struct packet *packet, uint32_t l
         to->shear[0] = _mm256_mul_pd(towards[0], to->shear[2]);
         to->shear[1] = _mm256_mul_pd(towards[1], to->shear[2]);
     }
+}
+
+/* Adds the work of a packet to other work. */
+static inline void packet_count(const struct packet *packet, struct packet_work *work)
+{
+    work->counters.nodes += packet->work.counters.nodes;
+    work->counters.triangles += packet->work.counters.triangles;
+    work->counters.instances += packet->work.counters.instances;
+    work->cost += packet->work.cost;
+}
+
+/* Starts a packet in a structure. Its rays are missing. */
+BOXTEST_AVX2_INLINE void packet_begin(struct packet *packet, struct traverse_walk *states,
+                                      const struct portable_view *view, const struct unpacked_node *nodes)
+{
+    packet->states = states;
+    packet->view = view;
+    packet->nodes = nodes;
+    packet->record_size = sizeof(struct portable_triangle);
+    packet->step_cost = COST_STEP;
+    packet->work = (struct packet_work){.cost = 0};
+    packet->ready = 0;
 }
 
 #endif

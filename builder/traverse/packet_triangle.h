@@ -16,13 +16,25 @@ enum packet_kind {
     PACKET_MOVING, /* motion triangles, by rays of one time */
     PACKET_TIMES, /* the same, by rays of different times */
     PACKET_TOP,
+    PACKET_MOVING_TOP, /* motion instances, by rays of one time */
+    PACKET_TIMES_TOP, /* the same, by rays of different times */
     PACKET_SPHERES,
     PACKET_SWEPT /* linear swept spheres */
 };
 
+static inline bool kind_is_top(enum packet_kind kind)
+{
+    return kind == PACKET_TOP || kind == PACKET_MOVING_TOP || kind == PACKET_TIMES_TOP;
+}
+
+static inline bool kind_has_times(enum packet_kind kind)
+{
+    return kind == PACKET_TIMES || kind == PACKET_TIMES_TOP;
+}
+
 static inline bool kind_moves(enum packet_kind kind)
 {
-    return kind == PACKET_MOVING || kind == PACKET_TIMES;
+    return kind == PACKET_MOVING || kind == PACKET_MOVING_TOP || kind_has_times(kind);
 }
 
 static inline bool kind_is_round(enum packet_kind kind)

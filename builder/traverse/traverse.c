@@ -40,7 +40,8 @@ static void visit_moving_nodes(struct traverse_walk *walk, const struct leaf_kin
     struct boxtest_moving_exact exact = {.at = ray.at};
     if (walk->avx2 && init_avx2(walk, &ray.still)) {
         boxtest_widen(&ray.still, bounds);
-        traverse_loop_moving_avx2(walk, &ray, kind->visit);
+        (kind->is_top && is_any(walk) ? traverse_avx2_any_moving_instances : traverse_loop_moving_avx2)(walk, &ray,
+                                                                                                        kind->visit);
     } else if (!walk->state.options->exact_only && boxtest_init(origin, direction, tmin, bounds, &ray.still)) {
         boxtest_widen(&ray.still, bounds);
         traverse_loop_moving_float(walk, &ray, kind->visit);

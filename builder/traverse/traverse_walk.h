@@ -78,6 +78,8 @@ bool traverse_avx2_plain(struct traverse_state *state, const struct portable_vie
  * farthest along the ray's octant, which is an order that packets can have, too.
  */
 void traverse_avx2_any_instances(struct traverse_walk *walk, const struct boxtest_ray *ray, traverse_leaf leaf);
+void traverse_avx2_any_moving_instances(struct traverse_walk *walk, const struct boxtest_moving *ray,
+                                        traverse_leaf leaf);
 
 /* Find the corners of a triangle record and return its id: for indexed triangles, for stored ones, for either. */
 static inline uint32_t traverse_corners_indexed(const struct portable_view *view, uint32_t record,

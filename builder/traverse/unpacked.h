@@ -72,11 +72,16 @@ struct unpacked_moving_triangle {
     uint32_t id;
 };
 
-/* Returns the size in bytes of an unpacked structure of motion triangles: its nodes, and after them its triangles. */
+/*
+ * Returns the size in bytes of an unpacked structure that moves: its nodes, and after them its triangles. Motion
+ * instances stay where they are.
+ */
 static inline uint64_t unpacked_moving_size(const struct portable_header *header)
 {
-    return header->node_count * (uint64_t)sizeof(struct unpacked_moving_node) +
-           header->record_count * (uint64_t)sizeof(struct unpacked_moving_triangle);
+    const uint64_t nodes = header->node_count * (uint64_t)sizeof(struct unpacked_moving_node);
+    if (header->content != PORTABLE_MOVING_TRIANGLES)
+        return nodes;
+    return nodes + header->record_count * (uint64_t)sizeof(struct unpacked_moving_triangle);
 }
 
 static inline const struct unpacked_moving_triangle *unpacked_moving_triangles(const struct portable_view *view,
@@ -85,7 +90,10 @@ static inline const struct unpacked_moving_triangle *unpacked_moving_triangles(c
     return (const struct unpacked_moving_triangle *)(const void *)(nodes + view->header->node_count);
 }
 
-/* Unpacks a structure of motion triangles into that many bytes (unpacked_moving.c). The view stays as it is. */
+/*
+ * Unpacks a structure of motion triangles or of motion instances into that many bytes (unpacked_moving.c). The view
+ * stays as it is. The box of an instance is that in the portable node, moved outward by what its floats lose.
+ */
 void unpacked_moving_fill(const struct portable_view *view, struct unpacked_moving_node *ret_nodes);
 
 /* Indexed triangles with their corners beside each other: what a view needs in order to have stored triangles. */

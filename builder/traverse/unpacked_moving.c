@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* unpacked_moving.c - unpacks structures of motion triangles. */
+/* unpacked_moving.c - unpacks structures of motion triangles and of motion instances. */
 #include "builder/traverse/unpacked.h"
+
+#include <math.h>
 
 /* The boxes of t = 0 and t = 1. */
 struct keys {
@@ -78,17 +80,55 @@ static void fill_triangle(const struct portable_view *view, uint32_t record, str
     to->id = from->id;
 }
 
+/* Returns a plane of a portable node as a float, moved outward; in double it is exact. */
+static float plane_at(const struct portable_node *node, int axis, uint8_t steps, float outward)
+{
+    const double step = node->exponent[axis] ? ldexp(1, node->exponent[axis] - 127) : 0;
+    return nextafterf((float)(node->origin[axis] + steps * step), outward);
+}
+
+/* Unpacks a node of a top level, with the planes of t = 1 in `moved`. */
+static void fill_top_node(const struct portable_view *view, uint32_t index, struct unpacked_moving_node *to)
+{
+    const struct portable_node *from = portable_node_at(view, index);
+    const struct portable_moving_node *moving = (const struct portable_moving_node *)(const void *)from;
+    uint32_t inner = from->first_child;
+    for (unsigned slot = 0; slot < 8; slot++) {
+        const bool is_empty = from->meta[slot] == 0, is_inner = from->inner_mask >> slot & 1;
+        const uint32_t count = (uint32_t)__builtin_popcount(from->meta[slot] >> 5),
+                       first = from->first_record + (from->meta[slot] & 31);
+        to->start.children[slot] = is_empty   ? 0
+                                   : is_inner ? inner | (uint32_t)CHILD_NODE << CHILD_KIND_SHIFT
+                                              : (count - 1) << CHILD_KIND_SHIFT | first;
+        inner += is_inner;
+        for (int axis = 0; axis < 3; axis++) {
+            to->start.planes[axis][slot] =
+                is_empty ? unpacked_nowhere : plane_at(from, axis, from->lo[axis][slot], -INFINITY);
+            to->start.planes[3 + axis][slot] =
+                is_empty ? -unpacked_nowhere : plane_at(from, axis, from->hi[axis][slot], INFINITY);
+            to->moved[axis][slot] =
+                is_empty ? unpacked_nowhere : plane_at(from, axis, moving->end_lo[axis][slot], -INFINITY);
+            to->moved[3 + axis][slot] =
+                is_empty ? -unpacked_nowhere : plane_at(from, axis, moving->end_hi[axis][slot], INFINITY);
+        }
+    }
+}
+
 /* Children follow their parents, so that their boxes are known when they are needed. */
 void unpacked_moving_fill(const struct portable_view *view, struct unpacked_moving_node *ret_nodes)
 {
     const uint32_t node_count = view->header->node_count;
+    const bool has_triangles = view->header->content == PORTABLE_MOVING_TRIANGLES;
     struct unpacked_moving_triangle *triangles = (void *)(ret_nodes + node_count);
     for (uint32_t index = node_count; index-- > 0;)
-        fill_node(view, index, ret_nodes, &ret_nodes[index]);
+        if (has_triangles)
+            fill_node(view, index, ret_nodes, &ret_nodes[index]);
+        else
+            fill_top_node(view, index, &ret_nodes[index]);
     for (uint32_t index = 0; index < node_count; index++)
         for (int plane = 0; plane < 6; plane++)
             for (unsigned slot = 0; slot < 8; slot++)
                 ret_nodes[index].moved[plane][slot] -= ret_nodes[index].start.planes[plane][slot];
-    for (uint32_t record = 0; record < view->header->record_count; record++)
+    for (uint32_t record = 0; has_triangles && record < view->header->record_count; record++)
         fill_triangle(view, record, &triangles[record]);
 }

@@ -21,7 +21,7 @@ static enum bvhd_status store_corners(struct cpu_structure *structure, struct bv
     return BVHD_OK;
 }
 
-/* Unpacks motion triangles, of which the first node stands for all that is unpacked. */
+/* Unpacks what moves, of which the first node stands for all that is unpacked. */
 static enum bvhd_status unpack_moving(struct cpu_structure *structure, struct bvhd_error *error)
 {
     const struct portable_header *header = structure->view.portable.header;
@@ -37,7 +37,8 @@ static enum bvhd_status unpack_moving(struct cpu_structure *structure, struct bv
 static enum bvhd_status unpack(struct cpu_structure *structure, struct bvhd_error *error)
 {
     const struct portable_header *header = structure->view.portable.header;
-    if (header->content == PORTABLE_MOVING_TRIANGLES && header->node_count > 0 && boxtest_has_avx2())
+    const bool moves = header->content == PORTABLE_MOVING_TRIANGLES || header->content == PORTABLE_MOVING_INSTANCES;
+    if (moves && header->node_count > 0 && boxtest_has_avx2())
         return unpack_moving(structure, error);
     if (!unpacked_takes(header->content) || header->node_count == 0 || !boxtest_has_avx2())
         return BVHD_OK;
