@@ -8,9 +8,10 @@
  * COUNT is the number of points (1,000,000 by default). Textures are of 1 x 1 to some hundred texels a side: smooth,
  * noisy, of one value, leaves and fences, with all wrap modes, filters, alpha modes and cutoffs; triangles are of all
  * sizes, over thousands of repeats, degenerate and far away. At each point the micro-triangle is looked up as the
- * traversal does, and the texture coordinate is computed in one of the ways in which shaders do it, in floats. A state
- * that is certain has to agree with the alpha there. Points where alpha equals the cutoff but for 10^-9 are counted as
- * uncertain. It prints each failure; the exit status is 1 if there was any.
+ * traversal does, and the texture coordinate is computed in one of the ways in which shaders do it, in floats, or
+ * moved as far as the bake was told that samplers may be off. A state that is certain has to agree with the alpha
+ * there. Points where alpha equals the cutoff but for 10^-9 are counted as uncertain. It prints each failure; the exit
+ * status is 1 if there was any.
  */
 #include <inttypes.h>
 #include <math.h>
@@ -27,7 +28,8 @@ enum { TRIANGLES = 32, POINTS_A_TRIANGLE = 128, SIZE_MAX_TEXELS = 300 };
 struct run {
     struct random random;
     struct memory memory;
-    uint64_t points, certain, uncertain, wrong, unknown, wrong_unknown;
+    uint64_t points, certain, uncertain, wrong;
+    float extra[2]; /* how far samplers may be off, besides rounding */
 };
 
 struct texture {
@@ -214,16 +216,16 @@ static void judge_point(struct run *run, const struct texture *texture, const fl
     const struct alpha_source *source = &texture->source;
     double at[2];
     interpolate(run, corners, weights, at);
+    for (int axis = 0; axis < 2; axis++)
+        at[axis] += (double)run->extra[axis] * random_between(&run->random, -1, 1);
     const double alpha = alpha_at(texture, at), cutoff = (double)source->cutoff * 255;
     bool is_opaque = source->mode == BAKE_BLEND ? alpha >= 255 : alpha >= cutoff;
     const bool is_transparent = source->mode == BAKE_BLEND ? alpha <= 0 : !is_opaque;
     const bool is_near = source->mode == BAKE_BLEND ? fmin(alpha, 255 - alpha) < 1e-9 && alpha > 0 && alpha < 255
                                                     : fabs(alpha - cutoff) < 1e-5;
     run->points++;
-    if (state >= MICRO_UNKNOWN_TRANSPARENT) {
-        run->unknown++;
+    if (state >= MICRO_UNKNOWN_TRANSPARENT)
         return;
-    }
     run->certain++;
     if (state == MICRO_OPAQUE ? is_opaque : is_transparent)
         return;
@@ -262,10 +264,13 @@ static void run_texture(struct run *run, struct texture *texture)
     for (int i = 0; i < TRIANGLES; i++)
         make_triangle(run, corners + 3 * i);
     const unsigned level = (unsigned)choose(run, 7) + (choose(run, 16) == 0);
+    for (int axis = 0; axis < 2; axis++)
+        run->extra[axis] = choose(run, 4) ? 0 : (float)random_between(&run->random, 0, 0.02);
     struct bake_request request = {.texture = texture->source,
                                    .coordinates = (const float(*)[2])corners,
                                    .coordinate_count = 3 * TRIANGLES,
                                    .triangle_count = TRIANGLES,
+                                   .extra = {run->extra[0], run->extra[1]},
                                    .format = MICRO_4_STATE,
                                    .level = choose(run, 8) ? level : BAKE_LEVEL_AUTO,
                                    .last_level = level,
