@@ -22,6 +22,7 @@
 #include "builder/top/spatial_split.h"
 #include "builder/top/split.h"
 #include "builder/tier.h"
+#include "builder/write_micromap.h"
 
 /*
  * Binary trees up to this depth are left alone until their wide form is known: eight-wide nodes need about a third of
@@ -555,6 +556,17 @@ static enum bvhd_status make_shallow_tree(struct construction *construction, con
     return status == BVHD_OK ? make_tree(construction) : status;
 }
 
+static enum bvhd_status make_structure(struct construction *construction, const struct build_options *options,
+                                       unsigned char **ret_blob)
+{
+    enum bvhd_status status = make_tree(construction);
+    if (status == BVHD_OK && is_too_deep(construction))
+        status = make_shallow_tree(construction, options);
+    if (status == BVHD_OK)
+        status = make_wide(construction);
+    return status == BVHD_OK ? write_blob(construction, options, ret_blob) : status;
+}
+
 enum bvhd_status build(const struct canonical *canonical, const struct build_options *options,
                        const struct build_context *context, unsigned char **ret_blob, struct build_stats *ret_stats,
                        struct bvhd_error *error)
@@ -562,13 +574,9 @@ enum bvhd_status build(const struct canonical *canonical, const struct build_opt
     struct construction construction;
     enum bvhd_status status = construction_init(&construction, canonical, options, context, error);
     if (status == BVHD_OK)
-        status = make_tree(&construction);
-    if (status == BVHD_OK && is_too_deep(&construction))
-        status = make_shallow_tree(&construction, options);
-    if (status == BVHD_OK)
-        status = make_wide(&construction);
-    if (status == BVHD_OK)
-        status = write_blob(&construction, options, ret_blob);
+        status = canonical->type == STRUCTURE_MICROMAP
+                     ? write_micromap(canonical, construction.layout, context, ret_blob, &construction.stats, error)
+                     : make_structure(&construction, options, ret_blob);
     construction_finish(&construction);
     if (status != BVHD_OK)
         return status;

@@ -74,6 +74,8 @@ static bool is_named(enum build_quality quality)
 enum build_quality tier_resolve(const struct canonical *canonical, const struct build_options *options)
 {
     struct facts facts;
+    if (canonical->type == STRUCTURE_MICROMAP)
+        return QUALITY_FAST; /* it has no tree that could be better */
     if (is_named(options->quality))
         return options->quality;
     if (options->quality == QUALITY_UNSPECIFIED && (canonical->flags & BUILD_PREFER_FAST_BUILD))

@@ -19,7 +19,7 @@ bool reference_is_bounded(const struct bvhd_reference *reference)
 /* Returns the content of a structure with this header, or one that there is not if its layout is not portable. */
 static uint32_t content_of(struct bytes structure, const struct serialized_header *header)
 {
-    const uint64_t body = portable_body_offset(header->handle_count);
+    const uint64_t body = portable_body_of(header);
     const bool is_portable = memcmp(header->driver_uuid, portable_driver_uuid, sizeof header->driver_uuid) == 0;
     if (!is_portable || !bytes_reach(structure.size, body, 0, 0, sizeof(struct portable_header)))
         return PORTABLE_CONTENTS;

@@ -43,6 +43,14 @@ struct canonical_motion canonical_motion(const struct canonical_geometry *geomet
     return motion;
 }
 
+bool canonical_has_micromaps(const struct canonical *canonical)
+{
+    for (uint32_t i = 0; i < canonical->geometry_count; i++)
+        if (canonical->geometries[i].has_micromaps)
+            return true;
+    return false;
+}
+
 bool canonical_moves(const struct canonical *canonical)
 {
     return kind_find(canonical_kind(canonical))->moves;

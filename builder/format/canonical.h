@@ -23,10 +23,10 @@
 #include "proto/base/status.h"
 
 /*
- * A block has the oldest version that can express it: spheres, linear swept spheres and the flag BUILD_MOTION need the
- * newer one.
+ * A block has the oldest version that can express it: spheres, linear swept spheres and the flag BUILD_MOTION need
+ * version 3; micromaps, and triangles with them, need version 4.
  */
-enum { CANONICAL_VERSION = 2, CANONICAL_VERSION_ROUND = 3 };
+enum { CANONICAL_VERSION = 2, CANONICAL_VERSION_ROUND = 3, CANONICAL_VERSION_MICROMAP = 4 };
 
 /* The index of a linear swept sphere: whether its ends have caps, and its first end. */
 #define CANONICAL_CAP_FIRST UINT32_C(0x40000000)
@@ -52,11 +52,25 @@ struct canonical_geometry {
     const uint32_t *indices;
     const float *boxes; /* AABBs: primitive_count * 6 */
     const unsigned char *instances; /* instances: primitive_count * 64 bytes; motion instances: * 160 */
+    /*
+     * Triangles with a micromap: primitive_count indices, special ones (MICROMAP_FULLY_) or numbers of the micromap's
+     * triangles; NULL: they have none. `micromap` is the micromap's 1-based row of the reference table; 0: none, and
+     * all indices are special.
+     */
+    const uint32_t *micromap_indices;
+    uint32_t micromap;
+    bool has_micromaps; /* micromap_indices are there; they may be NULL if there are no primitives */
+    /* The states of whole triangles are final: none in the tree is transparent, and opaque ones have no index. */
+    bool resolves_micromaps;
+    /* a micromap: primitive_count triangles, whose states are in `states`, vertex_count bytes */
+    const struct micromap_triangle *micro_triangles;
+    const unsigned char *states;
 };
 
-/* One row of the reference table: a bottom-level structure that instances name. */
+/* One row of the reference table: a bottom-level structure that instances name, or a micromap that triangles name. */
 struct canonical_reference {
     enum reference_kind kind;
+    uint32_t triangle_count; /* of a micromap, which has neither bounds nor slabs */
     struct key key; /* all zero if only bounds are known */
     struct box bounds; /* empty box: an empty structure */
     struct slabs slabs; /* all 0: unknown */
@@ -116,6 +130,15 @@ static inline uint32_t canonical_record_fields(uint32_t geometry_type, const uns
     static const uint32_t motion_fields[MOTION_TYPES] = {MOTION_RECORD_DATA + 48, MOTION_RECORD_DATA + 2 * 48,
                                                          MOTION_RECORD_DATA + 2 * 64};
     return geometry_type == GEOMETRY_MOVING_INSTANCES ? motion_fields[bytes_get32(record)] : 48;
+}
+
+/* Returns whether any geometry has a micromap, or special indices instead of one. */
+bool canonical_has_micromaps(const struct canonical *canonical);
+
+/* Returns whether triangle `index` of a geometry is in no tree because rays pass through all of it. */
+static inline bool canonical_is_transparent(const struct canonical_geometry *geometry, uint32_t index)
+{
+    return geometry->resolves_micromaps && geometry->micromap_indices[index] == MICROMAP_FULLY_TRANSPARENT;
 }
 
 /* Returns whether anything in a structure moves, so that its boxes have two keys. */

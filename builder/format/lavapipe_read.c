@@ -125,6 +125,8 @@ static enum bvhd_status read_headers(struct bytes blob, enum lavapipe_variant va
     enum bvhd_status status = serialized_read(blob, &header, error);
     if (status != BVHD_OK)
         return status;
+    if (header.micromap_count > 0)
+        return bvhd_error_set(error, BVHD_INCOMPATIBLE, "header.handleCount", "this layout has no micromaps");
     uint64_t body_offset = SERIALIZED_HANDLES + 8 * header.handle_count;
     *view = (struct lavapipe_view){
         .device.variant = variant,
@@ -291,7 +293,7 @@ static bool looks_compacted(struct bytes blob)
     struct serialized_header header;
     if (serialized_read(blob, &header, NULL) != BVHD_OK)
         return false;
-    uint64_t body_offset = SERIALIZED_HANDLES + 8 * header.handle_count;
+    uint64_t body_offset = serialized_end(&header);
     return blob.size - body_offset >= LAVAPIPE_HEADER && bytes_get32(blob.data + body_offset + 28) == blob.size;
 }
 

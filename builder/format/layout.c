@@ -26,12 +26,18 @@ const struct layout *layout_find_name(const char *name)
 
 uint32_t layout_version(const struct layout *layout, const struct canonical *canonical)
 {
-    return layout->version(canonical_kind(canonical));
+    const uint32_t version = layout->version(canonical_kind(canonical));
+    return version > 0 && canonical_has_micromaps(canonical) ? layout->micromap_version : version;
 }
 
 enum bvhd_status layout_check_kind(const struct layout *layout, const struct validate_subject *subject)
 {
     const uint32_t type = subject->geometry->type;
+    const bool has_micromap =
+        kind_find(type)->vulkan_type == GEOMETRY_TRIANGLES && subject->geometry->triangles.micromap.is_given;
+    if (layout->version(type) > 0 && has_micromap && layout->micromap_version == 0)
+        return bvhd_error_set(subject->error, BVHD_UNSUPPORTED, VALIDATE_GEOMETRY_PLACE(subject, "triangles.micromap"),
+                              "target %s has no opacity micromaps", layout->name);
     if (layout->version(type) > 0)
         return BVHD_OK;
     return bvhd_error_set(subject->error, BVHD_UNSUPPORTED, VALIDATE_GEOMETRY_PLACE(subject, "geometryType"),

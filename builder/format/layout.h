@@ -40,6 +40,23 @@ struct layout_counts {
     uint32_t geometry_count, layout_flags;
     uint64_t primitives, refs, vertices;
     uint64_t wide_nodes; /* of an 8-wide tree; a binary tree has refs - 1 inner nodes */
+    bool has_micromaps; /* some triangles have micromaps, or special indices instead */
+    uint64_t micromaps; /* that triangles name; of a micromap: indices that its bytes have */
+    uint64_t states; /* of a micromap: bytes */
+};
+
+/* A micromap, from which a layout writes a blob. */
+struct layout_micromap {
+    uint32_t flags; /* BUILD_ */
+    const struct micromap_triangle *triangles; /* valid; offsets count in `states` */
+    uint32_t triangle_count;
+    const unsigned char *states;
+    uint64_t states_size;
+    const uint32_t *indices; /* of a baked micromap; else NULL */
+    uint32_t index_count;
+    uint64_t baked[4]; /* of a baked micromap: micro-triangles by enum micro_state; else 0 */
+    struct memory *memory;
+    struct build_output *output; /* as in struct layout_input */
 };
 
 /* One layout: what kind of tree it needs, and how it writes a blob. */
@@ -51,6 +68,7 @@ struct layout {
      * or 0 if the layout has no such structures.
      */
     uint32_t (*version)(uint32_t geometry_type);
+    uint32_t micromap_version; /* of bottom levels with micromaps; 0: the layout has none */
     uint32_t arity; /* 2 or 8 */
     uint32_t leaf_max; /* the most refs in one leaf */
     uint32_t depth_limit; /* maximum number of levels: arity 8, of its nodes; arity 2, of the ir, leaves included */
@@ -75,6 +93,10 @@ struct layout {
      */
     enum bvhd_status (*write)(const struct layout_input *input, unsigned char **ret_blob,
                               struct layout_sizes *ret_sizes, struct bvhd_error *error);
+
+    /* Writes a micromap, likewise: BVHD_NO_MEMORY. NULL: the layout has no micromaps. */
+    enum bvhd_status (*write_micromap)(const struct layout_micromap *input, unsigned char **ret_blob,
+                                       struct layout_sizes *ret_sizes, struct bvhd_error *error);
 };
 
 extern const struct layout layout_portable, layout_lavapipe;

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * portable.h - the portable layout: its bytes as structs, and their reader. FORMATS.md has the tables and the reasons.
- * Version 2 adds contents; a blob has the oldest version that knows its content.
+ * Version 2 adds contents, and version 3 micromaps; a blob has the oldest version that knows what it has.
  *
  * A blob is Vulkan's serialized header, zeros up to a multiple of 64, then the body; offsets in the body count from its
  * start. Nodes are 8-wide, quantised, 80 bytes (Ylitie 2017), with the root first. The contents of leaves are one array
@@ -23,7 +23,8 @@
 #include "proto/base/status.h"
 
 enum {
-    PORTABLE_NEWEST = 2, /* the newest version; all from 1 on are known */
+    PORTABLE_MICROMAP_VERSION = 3, /* of micromaps, and of triangles with them */
+    PORTABLE_NEWEST = PORTABLE_MICROMAP_VERSION, /* the newest version; all from 1 on are known */
     PORTABLE_BODY_ALIGNMENT = 64,
     PORTABLE_LEAF_MAX = 3, /* records per leaf child */
     /* levels of nodes; readers refuse more, so that a stack of this many node groups suffices */
@@ -46,6 +47,12 @@ static inline uint64_t portable_body_offset(uint64_t handles)
     return bytes_align(SERIALIZED_HANDLES + 8 * handles, PORTABLE_BODY_ALIGNMENT);
 }
 
+/* Returns where the body begins in a blob with this header. */
+static inline uint64_t portable_body_of(const struct serialized_header *header)
+{
+    return bytes_align(serialized_end(header), PORTABLE_BODY_ALIGNMENT);
+}
+
 /* The kinds of records. */
 enum portable_content {
     PORTABLE_INDEXED_TRIANGLES = 0,
@@ -65,7 +72,7 @@ enum { PORTABLE_MAGIC = 0x42485642 }; /* "BVHB" */
 /* The first 128 bytes of the body. */
 struct portable_header {
     uint32_t magic;
-    uint32_t version; /* that of the content (record_kind.h) */
+    uint32_t version; /* that of the content (record_kind.h), or PORTABLE_MICROMAP_VERSION with micromaps */
     uint32_t content; /* enum portable_content */
     uint32_t build_flags; /* BUILD_ of the request */
     float bounds[6]; /* min xyz, max xyz, exact; min > max when empty */
@@ -260,6 +267,8 @@ struct portable_view {
     const struct portable_geometry *geometries;
     const unsigned char *handles; /* handle_count u64 */
     uint64_t handle_count;
+    const struct portable_micromap *micromaps; /* header->micromap_count */
+    const uint32_t *micromap_indices; /* header->micromap_index_count */
 };
 
 /* Returns node `index`, of any content. */

@@ -24,25 +24,36 @@ uint32_t portable_head_handles(const struct portable_header *header, const struc
     return record_kind_is_top(header->content) ? canonical->reference_count : 0;
 }
 
+/* A bottom level has no handles, and a top level has no micromaps. */
+static struct serialized_header head_of(const struct portable_header *header, uint32_t handles)
+{
+    return (struct serialized_header){.handle_count = handles, .micromap_count = header->micromap_count};
+}
+
+uint64_t portable_head_body(const struct portable_header *header, uint32_t handles)
+{
+    const struct serialized_header head = head_of(header, handles);
+    return portable_body_of(&head);
+}
+
 void portable_head_write(unsigned char *blob, const struct portable_header *header, uint32_t handles)
 {
-    const uint64_t body = portable_body_offset(handles);
-    struct serialized_header serialized = {
-        .serialized_size = body + header->body_size,
-        .deserialized_size = header->body_size,
-        .handle_count = handles,
-    };
+    const uint64_t body = portable_head_body(header, handles);
+    struct serialized_header serialized = head_of(header, handles);
+    serialized.serialized_size = body + header->body_size;
+    serialized.deserialized_size = header->body_size;
     memcpy(serialized.driver_uuid, portable_driver_uuid, sizeof serialized.driver_uuid);
     portable_compatibility_uuid(header->version, serialized.compatibility_uuid);
     memset(blob, 0, body);
     serialized_write(blob, &serialized);
-    for (uint32_t i = 0; i < handles; i++)
-        bytes_put64(blob + SERIALIZED_HANDLES + (uint64_t)8 * i, i + 1);
+    const uint32_t count = handles + header->micromap_count;
+    for (uint32_t i = 0; i < count; i++)
+        bytes_put64(blob + serialized_end(&serialized) - (uint64_t)8 * (count - i), i + 1);
 }
 
 struct layout_sizes portable_head_sizes(const struct portable_header *header, uint32_t handles)
 {
-    const uint64_t body = portable_body_offset(handles);
+    const uint64_t body = portable_head_body(header, handles);
     return (struct layout_sizes){
         .total = body + header->body_size,
         .header = body + header->node_offset,

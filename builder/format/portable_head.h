@@ -12,9 +12,12 @@
 /* Returns the number of handles: a top level has one for each row of its table of references. */
 uint32_t portable_head_handles(const struct portable_header *header, const struct canonical *canonical);
 
+/* Returns where the body begins in a blob with that header and so many handles. */
+uint64_t portable_head_body(const struct portable_header *header, uint32_t handles);
+
 /*
- * Writes the serialized header, the handles, and zeros up to the body. Handle i is i + 1, as in the references of a
- * canonical copy, until a loader replaces it by the device's own.
+ * Writes the serialized header, the handles or the addresses of micromaps, and zeros up to the body. Number i of either
+ * is i + 1, as in the references of a canonical copy, until a loader replaces it by the device's own.
  */
 void portable_head_write(unsigned char *blob, const struct portable_header *header, uint32_t handles);
 

@@ -9,6 +9,7 @@
 #ifndef BVHD_PORTABLE_MICROMAP_H
 #define BVHD_PORTABLE_MICROMAP_H
 
+#include "builder/format/layout.h"
 #include "builder/format/micro_triangle.h"
 #include "builder/format/portable.h"
 
@@ -50,6 +51,13 @@ struct portable_micromap_view {
  */
 enum bvhd_status portable_micromap_open(struct bytes blob, struct portable_micromap_view *ret_view,
                                         struct bvhd_error *error);
+
+/* Writes a micromap. It is the function of the layout (layout.h). */
+enum bvhd_status portable_micromap_write(const struct layout_micromap *input, unsigned char **ret_blob,
+                                         struct layout_sizes *ret_sizes, struct bvhd_error *error);
+
+/* Returns the bytes of the body of a micromap with these numbers of triangles, bytes of states and indices. */
+uint64_t portable_micromap_bound(uint64_t triangles, uint64_t states, uint64_t indices);
 
 /* Returns the state at the point with weights u and v of triangle `triangle`, which is below header->triangle_count. */
 static inline enum micro_state portable_micromap_state(const struct portable_micromap_view *view, uint32_t triangle,

@@ -8,10 +8,12 @@
 
 #include "builder/format/record_kind.h"
 #include "builder/format/serialized.h"
+#include "proto/base/kind.h"
 #include "proto/base/prefix.h"
 
 struct portable_reader {
     uint32_t version; /* that the compatibility UUID names */
+    uint64_t micromap_count; /* addresses in the serialized header */
     struct bytes body;
     struct portable_view view;
     const struct record_kind *kind; /* of the header's content */
@@ -46,7 +48,25 @@ static enum bvhd_status check_content(struct portable_reader *r)
     r->kind = record_kind_of(h->content);
     if (!r->kind)
         return corrupt(r, "body.content", "unknown content");
+    if (h->version == PORTABLE_MICROMAP_VERSION)
+        return kind_find(r->kind->type)->vulkan_type == GEOMETRY_TRIANGLES
+                   ? BVHD_OK
+                   : corrupt(r, "body.content", "not one that has micromaps");
     return r->kind->version == h->version ? BVHD_OK : corrupt(r, "body.content", "not one of this version");
+}
+
+static enum bvhd_status check_micromap_counts(const struct portable_reader *r)
+{
+    const struct portable_header *h = r->view.header;
+    if (h->micromap_count != r->micromap_count)
+        return corrupt(r, "body.micromapCount", "not the number of addresses in the header");
+    if (h->version < PORTABLE_MICROMAP_VERSION)
+        return h->micromap_offset == 0 && h->micromap_index_count == 0
+                   ? BVHD_OK
+                   : corrupt(r, "body.micromapOffset", "this version has no micromaps");
+    return h->micromap_index_count == h->primitive_count
+               ? BVHD_OK
+               : corrupt(r, "body.micromapIndexCount", "not the number of primitives");
 }
 
 /* Checks the header's other fields that can be judged by themselves. */
@@ -68,11 +88,9 @@ static enum bvhd_status check_counts(const struct portable_reader *r)
         return corrupt(r, "body.geometryCount", "a top level has no geometries");
     if (r->view.handle_count != 0 && !is_top)
         return corrupt(r, "header.handleCount", "a bottom level has no handles");
-    if (h->micromap_offset != 0 || h->micromap_count != 0 || h->micromap_index_count != 0)
-        return corrupt(r, "body.micromapOffset", "this version has no micromaps");
     if (h->reserved[0] != 0 || h->reserved[1] != 0)
         return corrupt(r, "body.reserved", "not zero");
-    return BVHD_OK;
+    return check_micromap_counts(r);
 }
 
 static enum bvhd_status check_bounds(const struct portable_reader *r)
@@ -98,6 +116,23 @@ static bool take_section(const struct portable_reader *r, uint64_t offset, uint3
     return true;
 }
 
+/* Finds the section of micromaps and indices behind the geometries, and checks each micromap. */
+static enum bvhd_status find_micromaps(struct portable_reader *r, uint64_t end)
+{
+    const struct portable_header *h = r->view.header;
+    const uint64_t indices = h->micromap_offset + (uint64_t)h->micromap_count * sizeof *r->view.micromaps;
+    if (!take_section(r, h->micromap_offset, h->micromap_count, sizeof *r->view.micromaps, &end) ||
+        !take_section(r, indices, h->micromap_index_count, sizeof *r->view.micromap_indices, &end))
+        return corrupt(r, "body.micromapOffset", "micromaps are misplaced");
+    r->view.micromaps = (const struct portable_micromap *)(const void *)(r->body.data + h->micromap_offset);
+    r->view.micromap_indices = (const uint32_t *)(const void *)(r->body.data + indices);
+    for (uint32_t i = 0; i < h->micromap_count; i++)
+        if (r->view.micromaps[i].handle != i || r->view.micromaps[i].location[0] != 0 ||
+            r->view.micromaps[i].location[1] != 0)
+            return corrupt_at(r, "micromaps", i, "", "not the address in its row, or on a device");
+    return BVHD_OK;
+}
+
 static enum bvhd_status find_sections(struct portable_reader *r)
 {
     const struct portable_header *h = r->view.header;
@@ -119,7 +154,7 @@ static enum bvhd_status find_sections(struct portable_reader *r)
     r->view.records = r->body.data + h->record_offset;
     r->view.vertices = (const float *)(const void *)(r->body.data + h->vertex_offset);
     r->view.geometries = (const struct portable_geometry *)(const void *)(r->body.data + h->geometry_offset);
-    return BVHD_OK;
+    return h->version < PORTABLE_MICROMAP_VERSION ? BVHD_OK : find_micromaps(r, end);
 }
 
 static enum bvhd_status check_geometries(const struct portable_reader *r)
@@ -132,8 +167,9 @@ static enum bvhd_status check_geometries(const struct portable_reader *r)
             return corrupt_at(r, "geometries", i, "firstPrimitive", "not the sum of those before");
         if (geometry->primitive_count > h->primitive_count - sum)
             return corrupt_at(r, "geometries", i, "primitiveCount", "more than there are in all");
-        if (geometry->micromap != 0)
-            return corrupt_at(r, "geometries", i, "micromap", "not zero");
+        if (geometry->micromap > h->micromap_count &&
+            !(geometry->micromap == PORTABLE_NO_MICROMAP && h->version == PORTABLE_MICROMAP_VERSION))
+            return corrupt_at(r, "geometries", i, "micromap", "there is no such micromap");
         sum += geometry->primitive_count;
     }
     if (!record_kind_is_top(h->content) && sum != h->primitive_count)
@@ -260,7 +296,7 @@ static enum bvhd_status find_body(struct portable_reader *r, struct bytes blob)
     r->version = portable_version_of(header.compatibility_uuid);
     if (r->version == 0)
         return bvhd_error_set(r->error, BVHD_INCOMPATIBLE, "header.compatibilityUUID", "written by another version");
-    uint64_t offset = portable_body_offset(header.handle_count);
+    uint64_t offset = portable_body_of(&header);
     if (offset > blob.size || blob.size - offset < sizeof(struct portable_header))
         return corrupt(r, "body", "too short");
     if (header.deserialized_size != blob.size - offset)
@@ -269,6 +305,7 @@ static enum bvhd_status find_body(struct portable_reader *r, struct bytes blob)
     r->view.header = (const struct portable_header *)(const void *)r->body.data;
     r->view.handles = blob.data + SERIALIZED_HANDLES;
     r->view.handle_count = header.handle_count;
+    r->micromap_count = header.micromap_count;
     return BVHD_OK;
 }
 

@@ -48,7 +48,12 @@ static inline const struct canonical_geometry *portable_records_geometry(const s
 /* Returns the id of a record of a bottom level. */
 static inline uint32_t portable_records_id(const struct canonical_geometry *geometry, uint32_t primitive)
 {
-    return primitive | (geometry->flags & GEOMETRY_OPAQUE ? PORTABLE_ID_OPAQUE : 0);
+    const uint32_t id = primitive | (geometry->flags & GEOMETRY_OPAQUE ? PORTABLE_ID_OPAQUE : 0);
+    if (!geometry->micromap_indices)
+        return id;
+    const uint32_t index = geometry->micromap_indices[primitive - geometry->first_primitive];
+    return geometry->resolves_micromaps && index == MICROMAP_FULLY_OPAQUE ? id | PORTABLE_ID_OPAQUE
+                                                                          : id | PORTABLE_ID_MICROMAP;
 }
 
 /* Returns whether an untrusted id can be that of a record, which may have these flags. */
@@ -56,6 +61,13 @@ static inline bool portable_records_id_is_sound(const struct portable_header *he
 {
     return !(id & ~(PORTABLE_ID_MASK | flags)) && (id & PORTABLE_ID_MASK) < header->primitive_count;
 }
+
+/*
+ * Returns the flags that ids of triangles may have, and whether the untrusted id of a triangle is sound: if it says so,
+ * there is an index for it, of a micromap's triangle or a special one.
+ */
+uint32_t portable_records_triangle_flags(const struct portable_header *header);
+bool portable_records_micromap_is_sound(const struct portable_view *view, uint32_t id);
 
 /*
  * Does what kind->mark does for the primitives `first` .. first + count - 1 over all geometries, which are all in the

@@ -155,10 +155,12 @@ static uint32_t find_unsound_indexed(const struct portable_view *view)
 {
     const struct portable_header *header = view->header;
     const struct portable_indexed_triangle *triangles = view->records;
+    const uint32_t flags = portable_records_triangle_flags(header);
     for (uint32_t i = 0; i < header->record_count; i++) {
         const uint32_t *v = triangles[i].vertices;
         if (v[0] >= header->vertex_count || v[1] >= header->vertex_count || v[2] >= header->vertex_count ||
-            !portable_records_id_is_sound(header, triangles[i].id, PORTABLE_ID_OPAQUE))
+            !portable_records_id_is_sound(header, triangles[i].id, flags) ||
+            !portable_records_micromap_is_sound(view, triangles[i].id))
             return i;
     }
     return header->record_count;
@@ -168,9 +170,10 @@ static uint32_t find_unsound(const struct portable_view *view)
 {
     const struct portable_header *header = view->header;
     const struct portable_triangle *triangles = view->records;
+    const uint32_t flags = portable_records_triangle_flags(header);
     for (uint32_t i = 0; i < header->record_count; i++)
-        if (!portable_records_id_is_sound(header, triangles[i].id, PORTABLE_ID_OPAQUE) || triangles[i].reserved1 != 0 ||
-            triangles[i].reserved2 != 0)
+        if (!portable_records_id_is_sound(header, triangles[i].id, flags) || triangles[i].reserved1 != 0 ||
+            triangles[i].reserved2 != 0 || !portable_records_micromap_is_sound(view, triangles[i].id))
             return i;
     return header->record_count;
 }

@@ -4,6 +4,8 @@
 #include <inttypes.h>
 
 #include "builder/format/portable_head.h"
+#include "builder/format/portable_micromap.h"
+#include "builder/format/portable_micromaps.h"
 #include "builder/format/portable_quantise.h"
 #include "builder/format/portable_records.h"
 #include "proto/base/prefix.h"
@@ -45,6 +47,8 @@ static void place_sections(const struct record_kind *kind, struct portable_heade
     header->geometry_offset =
         bytes_align(header->vertex_offset + (uint64_t)header->vertex_count * kind->vertex_size, 16);
     header->body_size = header->geometry_offset + (uint64_t)header->geometry_count * sizeof(struct portable_geometry);
+    if (header->version == PORTABLE_MICROMAP_VERSION)
+        portable_micromaps_place(header);
 }
 
 static enum bvhd_status plan(struct portable_writer *w, struct bvhd_error *error)
@@ -61,7 +65,7 @@ static enum bvhd_status plan(struct portable_writer *w, struct bvhd_error *error
                               PORTABLE_MAX_DEPTH);
     w->header = (struct portable_header){
         .magic = PORTABLE_MAGIC,
-        .version = kind->version,
+        .version = canonical_has_micromaps(canonical) ? PORTABLE_MICROMAP_VERSION : kind->version,
         .content = content,
         .build_flags = canonical->flags,
         .depth = wide->depth,
@@ -72,10 +76,11 @@ static enum bvhd_status plan(struct portable_writer *w, struct bvhd_error *error
         .primitive_count = canonical->primitive_count,
     };
     fill_bounds(w->input->ir, w->header.bounds);
+    portable_micromaps_count(canonical, &w->header);
     place_sections(kind, &w->header);
     w->records = (struct portable_records){.kind = kind, .canonical = canonical};
     w->handles = portable_head_handles(&w->header, canonical);
-    w->body_offset = portable_body_offset(w->handles);
+    w->body_offset = portable_head_body(&w->header, w->handles);
     return BVHD_OK;
 }
 
@@ -374,10 +379,12 @@ static void write_tables(const struct portable_writer *w)
     memset(w->body + vertex_end, 0, header->geometry_offset - vertex_end);
     for (uint32_t i = 0; i < header->geometry_count; i++) {
         const struct canonical_geometry *geometry = &canonical->geometries[i];
-        struct portable_geometry row = {geometry->flags, geometry->first_primitive, geometry->primitive_count, 0};
+        struct portable_geometry row = {geometry->flags, geometry->first_primitive, geometry->primitive_count,
+                                        portable_micromaps_of(geometry)};
         memcpy(w->body + header->geometry_offset + (uint64_t)i * sizeof row, &row, sizeof row);
     }
     memcpy(w->body, header, sizeof *header);
+    portable_micromaps_write(canonical, header, w->body);
 }
 
 static enum bvhd_status fill(struct portable_writer *w, struct bvhd_error *error)
@@ -416,6 +423,8 @@ static enum bvhd_status portable_write(const struct layout_input *input, unsigne
 
 static uint32_t portable_version(uint32_t geometry_type)
 {
+    if (geometry_type == GEOMETRY_MICROMAP || geometry_type == GEOMETRY_BAKED_MICROMAP)
+        return PORTABLE_MICROMAP_VERSION;
     return record_kind_of(record_content_for(STRUCTURE_GENERIC, geometry_type, 0))->version;
 }
 
@@ -426,19 +435,24 @@ static uint64_t portable_bound(const struct layout_counts *counts)
         record_content_for(counts->structure_type, counts->geometry_type, counts->layout_flags);
     const struct record_kind *kind = record_kind_of(content);
     const uint64_t geometries = record_kind_is_top(content) ? 0 : counts->geometry_count;
+    if (counts->structure_type == STRUCTURE_MICROMAP)
+        return portable_micromap_bound(counts->primitives, counts->states, counts->micromaps);
     return sizeof(struct portable_header) + counts->wide_nodes * kind->node_size +
            bytes_align(counts->refs * kind->size, 16) + bytes_align(counts->vertices * kind->vertex_size, 16) +
-           geometries * sizeof(struct portable_geometry);
+           geometries * sizeof(struct portable_geometry) +
+           (counts->has_micromaps ? portable_micromaps_bound(counts->micromaps, counts->primitives) : 0);
 }
 
 const struct layout layout_portable = {
     .target = TARGET_PORTABLE,
     .name = "portable",
     .version = portable_version,
+    .micromap_version = PORTABLE_MICROMAP_VERSION,
     .arity = WIDE_ARITY,
     .leaf_max = PORTABLE_LEAF_MAX,
     .depth_limit = PORTABLE_MAX_DEPTH,
     .flags = PORTABLE_FAST_TRIANGLES,
     .bound = portable_bound,
     .write = portable_write,
+    .write_micromap = portable_micromap_write,
 };

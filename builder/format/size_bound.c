@@ -4,6 +4,7 @@
 #include <stdbool.h>
 
 #include "builder/format/layout.h"
+#include "builder/format/micro_triangle.h"
 #include "builder/format/record_kind.h"
 #include "proto/base/kind.h"
 
@@ -51,6 +52,37 @@ static uint32_t type_of(const struct build_input *input)
     return type;
 }
 
+static bool has_micromap(const struct geometry *geometry)
+{
+    return kind_find(geometry->type)->vulkan_type == GEOMETRY_TRIANGLES && geometry->triangles.micromap.is_given;
+}
+
+/* Returns the bytes of the states of triangles with this usage, which may be invalid: its values are bounded. */
+static uint64_t states_of(const struct micromap_usage *usage)
+{
+    const unsigned level = usage->level < MICRO_LEVEL_MAX ? usage->level : MICRO_LEVEL_MAX;
+    const enum micro_format format = usage->format == MICRO_2_STATE ? MICRO_2_STATE : MICRO_4_STATE;
+    return (uint64_t)usage->count * micro_triangle_bytes(format, level);
+}
+
+/* Adds the states of a micromap, none of which may be shared. Those of a bake have the highest level. */
+static void count_states(const struct geometry *geometry, struct layout_counts *counts)
+{
+    const uint32_t triangles = geometry->range.primitive_count;
+    if (geometry->type == GEOMETRY_BAKED_MICROMAP) {
+        const struct micromap_usage usage = {triangles, geometry->bake.level, geometry->bake.format};
+        counts->states += states_of(&usage);
+        counts->micromaps = triangles;
+        return;
+    }
+    const struct bytes *usages = &geometry->micromap.usages;
+    for (uint64_t at = 0; at + sizeof(struct micromap_usage) <= usages->size; at += sizeof(struct micromap_usage)) {
+        struct micromap_usage usage;
+        memcpy(&usage, usages->data + at, sizeof usage);
+        counts->states += states_of(&usage);
+    }
+}
+
 static struct layout_counts count(const struct build_input *input)
 {
     struct layout_counts counts = {.structure_type = input->type,
@@ -62,7 +94,15 @@ static struct layout_counts count(const struct build_input *input)
     for (uint32_t i = 0; i < input->geometry_count; i++) {
         const struct geometry *geometry = &input->geometries[i];
         counts.primitives += geometry->range.primitive_count;
+        if (input->type == STRUCTURE_MICROMAP) {
+            count_states(geometry, &counts);
+            continue;
+        }
         counts.vertices += kind->vertices_most ? kind->vertices_most(geometry) : 0;
+        if (has_micromap(geometry)) {
+            counts.has_micromaps = true;
+            counts.micromaps += geometry->triangles.micromap.micromap != 0;
+        }
     }
     return counts;
 }

@@ -14,9 +14,9 @@
 
 /*
  * Returns the most bytes of the body of a structure, its deserialized size. `input` has passed the checks of
- * validate_shape.h, and its target is known; the memory and the offsets of its geometries are not looked at, and
- * primitive_count and max_vertex count as maxima. QUALITY_UNSPECIFIED stands for what the PREFER flags say, and without
- * them, as QUALITY_AUTO does, for any quality.
+ * validate_shape.h, and its target is known; the memory and the offsets of its geometries are not looked at, except
+ * for the usages of a micromap, and primitive_count and max_vertex count as maxima. QUALITY_UNSPECIFIED stands for
+ * what the PREFER flags say, and without them, as QUALITY_AUTO does, for any quality.
  */
 uint64_t size_bound(const struct build_input *input);
 

@@ -7,9 +7,28 @@
 #include "proto/base/kind.h"
 #include "proto/base/place.h"
 
+bool form_may_have_micromap(uint32_t type)
+{
+    return kind_find(type)->vulkan_type == GEOMETRY_TRIANGLES;
+}
+
+static bool has_micromap(const struct form_geometry *row)
+{
+    return row->micromap_offset != 0 && form_may_have_micromap(row->type);
+}
+
+struct form_reference form_micromap_reference(const struct key *key, uint32_t triangle_count)
+{
+    return (struct form_reference){
+        .kind = REFERENCE_MICROMAP, .triangle_count = triangle_count, .key = *key, .bounds = box_empty()};
+}
+
 uint32_t form_version(const struct form_geometry *rows, uint32_t count, uint32_t flags)
 {
     const uint32_t least = flags & BUILD_MOTION ? CANONICAL_VERSION_ROUND : CANONICAL_VERSION;
+    for (uint32_t i = 0; i < count; i++)
+        if (has_micromap(&rows[i]))
+            return CANONICAL_VERSION_MICROMAP;
     return count > 0 && input_kind_of(rows[0].type)->version > least ? input_kind_of(rows[0].type)->version : least;
 }
 
@@ -18,6 +37,8 @@ uint64_t form_bytes(const struct form_geometry *row, enum form_section section)
     const struct kind *kind = kind_find(row->type);
     if (section == FORM_POSITIONS)
         return (uint64_t)row->vertex_count * kind->vertex_bytes;
+    if (section == FORM_MICROMAPS)
+        return has_micromap(row) ? sizeof(struct form_micromap) + (uint64_t)row->primitive_count * sizeof(uint32_t) : 0;
     return kind->vertex_bytes > 0 && !row->indexed ? 0 : (uint64_t)row->primitive_count * kind->primitive_bytes;
 }
 
@@ -26,6 +47,8 @@ uint64_t *form_offset(struct form_geometry *row, enum form_section section)
     bool has_vertices = input_kind_of(row->type)->corners > 0;
     if (section == FORM_POSITIONS)
         return has_vertices ? &row->data_offset : NULL;
+    if (section == FORM_MICROMAPS)
+        return form_may_have_micromap(row->type) ? &row->micromap_offset : NULL;
     return has_vertices ? &row->index_offset : &row->data_offset;
 }
 
@@ -44,7 +67,21 @@ bool form_place(struct form_geometry *rows, uint32_t count, enum form_section se
     return true;
 }
 
-static struct canonical_geometry geometry_view(const unsigned char *block, const struct form_geometry *row)
+/* The states of whole triangles are final where neither instances nor updates may change what they mean. */
+static void view_micromap(const unsigned char *block, const struct form_geometry *row, uint32_t flags,
+                          struct canonical_geometry *geometry)
+{
+    const uint32_t changes =
+        BUILD_ALLOW_MICROMAP_UPDATE | BUILD_ALLOW_DISABLE_MICROMAPS | BUILD_ALLOW_MICROMAP_DATA_UPDATE;
+    const struct form_micromap *micromap = (const void *)(block + row->micromap_offset);
+    geometry->has_micromaps = true;
+    geometry->micromap = micromap->reference;
+    geometry->micromap_indices = row->primitive_count > 0 ? (const void *)(micromap + 1) : NULL;
+    geometry->resolves_micromaps = row->primitive_count > 0 && !(flags & changes);
+}
+
+static struct canonical_geometry geometry_view(const unsigned char *block, const struct form_geometry *row,
+                                               uint32_t flags)
 {
     struct canonical_geometry geometry = {
         .type = row->type,
@@ -52,9 +89,11 @@ static struct canonical_geometry geometry_view(const unsigned char *block, const
         .primitive_count = row->primitive_count,
         .vertex_count = row->vertex_count,
     };
-    input_kind_of(row->type)->view(row->data_offset ? block + row->data_offset : NULL, &geometry);
     if (row->indexed)
         geometry.indices = (const void *)(block + row->index_offset);
+    input_kind_of(row->type)->view(row->data_offset ? block + row->data_offset : NULL, &geometry);
+    if (has_micromap(row))
+        view_micromap(block, row, flags, &geometry);
     return geometry;
 }
 
@@ -62,7 +101,8 @@ static void view_references(const unsigned char *block, const struct form_header
 {
     const struct form_reference *rows = (const void *)(block + header->reference_offset);
     for (uint32_t i = 0; i < header->reference_count; i++)
-        view->references[i] = (struct canonical_reference){rows[i].kind, rows[i].key, rows[i].bounds, rows[i].slabs};
+        view->references[i] = (struct canonical_reference){rows[i].kind, rows[i].triangle_count, rows[i].key,
+                                                           rows[i].bounds, rows[i].slabs};
 }
 
 void form_view(const unsigned char *block, struct canonical *view)
@@ -80,7 +120,7 @@ void form_view(const unsigned char *block, struct canonical *view)
     view->primitive_count = header->primitive_count;
     view->vertex_count = header->vertex_count;
     for (uint32_t i = 0; i < header->geometry_count; i++) {
-        view->geometries[i] = geometry_view(block, &rows[i]);
+        view->geometries[i] = geometry_view(block, &rows[i], header->flags);
         view->geometries[i].first_primitive = primitives;
         view->geometries[i].first_vertex = vertices;
         primitives += rows[i].primitive_count;

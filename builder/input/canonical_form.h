@@ -4,8 +4,9 @@
  * writes them, prepare_open.c, which reads them back, and the modules that fill sections of them or go through them
  * include this header; all other code uses canonical.h.
  *
- * A block holds the header, the geometry rows, the arrays of primitives (indices, boxes, instance records) in the order
- * of geometries, the positions in the order of geometries, and the reference rows. Every section starts at a multiple
+ * A block holds the header, the geometry rows, the arrays of primitives (indices, boxes, instance records, triangles of
+ * a micromap) in the order of geometries, the micromaps of triangles and the positions (or a micromap's states)
+ * likewise, and the reference rows. Every section starts at a multiple
  * of 16, and the bytes between sections are 0. Nothing is left to the writer's choice: equal requests give equal bytes,
  * and a reader can compute from the counts where everything must be.
  */
@@ -20,8 +21,8 @@ static const char form_magic[4] = {'B', 'V', 'H', 'C'};
 
 struct form_header {
     char magic[4]; /* "BVHC" */
-    uint32_t version; /* CANONICAL_VERSION or CANONICAL_VERSION_ROUND */
-    uint32_t type; /* STRUCTURE_TOP or STRUCTURE_BOTTOM */
+    uint32_t version; /* CANONICAL_VERSION_, the oldest that has what the block has */
+    uint32_t type; /* STRUCTURE_TOP, STRUCTURE_BOTTOM or STRUCTURE_MICROMAP */
     uint32_t flags; /* BUILD_ */
     uint32_t geometry_count;
     uint32_t reference_count;
@@ -62,21 +63,35 @@ struct form_geometry {
      * gathered have a checksum of the request's indices here, because the copy does not show them.
      */
     uint32_t lowest_index;
-    /* Spheres and linear swept spheres; this field and the next one are 0 in other geometries. */
-    uint32_t radius_format;
-    uint32_t swept_modes; /* linear swept spheres: FORM_SWEPT_ */
+    union {
+        struct { /* spheres and linear swept spheres */
+            uint32_t radius_format;
+            uint32_t swept_modes; /* linear swept spheres: FORM_SWEPT_ */
+        };
+        /* Triangles: offset of struct form_micromap; 0 when they have no micromap. It is 0 in other geometries. */
+        uint64_t micromap_offset;
+    };
+};
+
+/* The micromap of triangles, which an index for each of them follows. */
+struct form_micromap {
+    uint32_t reference; /* 1-based row of the reference table; 0: none, and all indices are special */
+    uint32_t reserved[3]; /* must be 0 */
 };
 
 struct form_reference {
     uint32_t kind; /* REFERENCE_ */
-    uint32_t reserved; /* must be 0 */
+    uint32_t triangle_count; /* of a micromap; else 0 */
     struct key key; /* all zero when only bounds were given */
     struct box bounds; /* finite; box_empty() for an empty structure */
     struct slabs slabs; /* valid; all 0 when they are not known, and for an empty structure */
 };
 
 _Static_assert(sizeof(struct form_header) == 64 && sizeof(struct form_geometry) == 64, "format");
-_Static_assert(sizeof(struct form_reference) == 144, "format");
+_Static_assert(sizeof(struct form_reference) == 144 && sizeof(struct form_micromap) == 16, "format");
+
+/* Makes the row of the reference table for a micromap with that key and so many triangles. */
+struct form_reference form_micromap_reference(const struct key *key, uint32_t triangle_count);
 
 /* Returns the version of a block with these rows and BUILD_ flags. */
 uint32_t form_version(const struct form_geometry *rows, uint32_t count, uint32_t flags);
@@ -87,7 +102,13 @@ static inline const struct form_geometry *form_row(const struct canonical *canon
     return (const struct form_geometry *)(const void *)(canonical->bytes + sizeof(struct form_header)) + geometry;
 }
 
-enum form_section { FORM_PRIMITIVES, FORM_POSITIONS };
+enum form_section { FORM_PRIMITIVES, FORM_MICROMAPS, FORM_POSITIONS };
+
+/* Stands in a row for the offset of a micromap that is there, until form_place writes it. */
+enum { FORM_UNPLACED = 1 };
+
+/* Returns whether a geometry of this type may have a micromap: it consists of triangles. */
+bool form_may_have_micromap(uint32_t type);
 
 /* Returns the size in bytes of a geometry's array in one section; 0 when it has none. */
 uint64_t form_bytes(const struct form_geometry *row, enum form_section section);

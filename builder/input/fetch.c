@@ -3,6 +3,7 @@
 
 #include "builder/input/input_kind.h"
 #include "builder/input/numbering.h"
+#include "builder/input/triangle_micromap.h"
 #include "proto/base/place.h"
 
 /* Primitives or vertices that are one task for a thread. */
@@ -65,7 +66,7 @@ enum bvhd_status fetch_init(struct fetch *fetch, const struct build_input *input
     *fetch = (struct fetch){.input = input, .index = index, .view = {.geometry_count = count}};
     atomic_init(&fetch->first_unknown, UINT32_MAX);
     atomic_init(&fetch->suspect, false);
-    if (input->type == STRUCTURE_TOP) {
+    if (input->type == STRUCTURE_TOP || triangle_micromap_names_any(input)) {
         enum bvhd_status status = reference_lookup_init(input, index, context, &fetch->lookup, error);
         if (status != BVHD_OK)
             return status;

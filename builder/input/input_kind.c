@@ -13,6 +13,7 @@ const struct input_kind *input_kind_of(uint32_t type)
         [KIND_SWEPT_SPHERES] = &input_swept_spheres,
         [KIND_MOVING_TRIANGLES] = &input_moving_triangles,
         [KIND_MOVING_INSTANCES] = &input_moving_instances,
+        [KIND_MICROMAP] = &input_micromap,
     };
     const struct kind *kind = kind_find(type);
     return kind ? kinds[kind->number] : NULL;

@@ -26,6 +26,7 @@ struct form_geometry;
 struct reach;
 struct vec4_box;
 
+/* Kinds of micromaps, of which no trees are built, have no functions about refs. */
 struct input_kind {
     uint32_t version; /* of a canonical copy with such geometries (canonical.h) */
     bool has_radii; /* its rows have the fields of round kinds */
@@ -40,6 +41,14 @@ struct input_kind {
     bool (*update_is_sound)(const struct form_geometry *row);
     /* Sets the pointer of the view that leads to the array at data_offset. */
     void (*view)(const void *data, struct canonical_geometry *geometry);
+
+    /*
+     * Makes the whole copy of a structure of this kind, as prepare() does, which has checked the input. NULL: the
+     * functions below read it.
+     */
+    enum bvhd_status (*prepare)(const struct build_input *input, uint32_t index, const struct limits *limits,
+                                const struct build_context *context, struct canonical *ret_canonical,
+                                struct bvhd_error *error);
 
     /* Returns how many words of scratch memory the functions that read need, until the vertices are read. NULL: 0. */
     uint64_t (*scratch)(const struct geometry *geometry);
@@ -98,7 +107,7 @@ struct input_kind {
 };
 
 extern const struct input_kind input_triangles, input_aabbs, input_instances, input_spheres, input_swept_spheres,
-    input_moving_triangles, input_moving_instances;
+    input_moving_triangles, input_moving_instances, input_micromap;
 
 /* Returns the kind of geometries of this type; NULL for a type that bvhd does not build. */
 const struct input_kind *input_kind_of(uint32_t type);

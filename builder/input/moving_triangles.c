@@ -107,7 +107,8 @@ static struct classification look_at_keys(const struct canonical *canonical, con
     finding.active = true;
     const bool is_infinite = classification_has_infinity(keys[0][0], 18);
     finding.degenerate = !is_infinite && has_no_area((const float(*)[3][3])keys, ret_boxes);
-    finding.kept = (canonical->flags & BUILD_ALLOW_UPDATE) || !(is_infinite || finding.degenerate);
+    finding.kept = ((canonical->flags & BUILD_ALLOW_UPDATE) || !(is_infinite || finding.degenerate)) &&
+                   !canonical_is_transparent(geometry, index);
     box_grow(&finding.box, &ret_boxes[0]);
     box_grow(&finding.box, &ret_boxes[1]);
     return finding;

@@ -7,6 +7,7 @@
 #include "proto/base/kind.h"
 #include "proto/base/place.h"
 #include "builder/input/reference_rows.h"
+#include "builder/input/triangle_micromap.h"
 #include "builder/input/validate.h"
 
 /*
@@ -26,7 +27,7 @@ struct work {
     unsigned char *block;
     uint64_t size; /* bytes of the sections that have been placed */
     uint64_t room; /* bytes that the block has room for */
-    struct reference_rows references;
+    struct reference_rows references; /* a bottom level's are its micromaps */
 };
 
 static struct form_geometry *rows_of(const struct work *work)
@@ -104,6 +105,8 @@ static struct form_geometry make_row(const struct geometry *geometry, bool updat
     };
     if (kind->describe)
         kind->describe(geometry, update, &row);
+    if (form_may_have_micromap(geometry->type) && geometry->triangles.micromap.is_given)
+        row.micromap_offset = FORM_UNPLACED;
     return row;
 }
 
@@ -155,12 +158,15 @@ static enum bvhd_status place_primitives(struct work *work)
     status = look_at_cancel(work);
     if (status != BVHD_OK)
         return status;
-    if (!form_place(rows_of(work), input->geometry_count, FORM_PRIMITIVES, tables, &end))
+    if (!form_place(rows_of(work), input->geometry_count, FORM_PRIMITIVES, tables, &end) ||
+        !form_place(rows_of(work), input->geometry_count, FORM_MICROMAPS, end, &end))
         return too_large(work, "the canonical copy is over 2^64 bytes");
     status = grow(work, end, positions_expected(work, end));
-    if (status == BVHD_OK)
-        clear_gaps(work, FORM_PRIMITIVES);
-    return status;
+    if (status != BVHD_OK)
+        return status;
+    clear_gaps(work, FORM_PRIMITIVES);
+    clear_gaps(work, FORM_MICROMAPS);
+    return BVHD_OK;
 }
 
 /* Places the second section: positions, whose number is known by now, and reference rows. */
@@ -207,7 +213,7 @@ static enum bvhd_status make_references(struct work *work)
 {
     struct canonical_geometry *geometry = work->fetch.view.geometries;
     if (work->input->type != STRUCTURE_TOP)
-        return BVHD_OK;
+        return triangle_micromaps_read(&work->fetch, work->context, &work->references, work->error);
     const struct reference_records records = {work->index, rows_of(work)->type, geometry->primitive_count,
                                               work->block + rows_of(work)->data_offset};
     return reference_rows_make(&records, work->input->references, work->input->reference_count, work->context,
@@ -261,6 +267,9 @@ enum bvhd_status prepare(const struct build_input *input, uint32_t index, const 
                         .memory = memory,
                         .error = error};
     enum bvhd_status status = validate_input_until(input, index, limits, context->cancel, error);
+    const struct input_kind *kind = input->geometry_count == 1 ? input_kind_of(input->geometries[0].type) : NULL;
+    if (status == BVHD_OK && kind && kind->prepare)
+        return kind->prepare(input, index, limits, context, ret_canonical, error);
     if (status == BVHD_OK)
         status = fetch_init(&work.fetch, input, index, context, error);
     if (status != BVHD_OK)

@@ -5,9 +5,13 @@
 #include "proto/base/request_limits.h"
 #include "proto/base/place.h"
 #include "builder/input/prepare.h"
+#include "builder/input/triangle_micromap.h"
 #include "builder/input/validate.h"
 
-enum { KNOWN_FLAGS = 0x83f, KNOWN_GEOMETRY_FLAGS = GEOMETRY_OPAQUE | GEOMETRY_NO_DUPLICATE_ANY_HIT };
+/* The flags of builds, and those that came with micromaps. */
+enum { KNOWN_FLAGS = 0x83f, MICROMAP_FLAGS = 0x5c0 };
+
+enum { KNOWN_GEOMETRY_FLAGS = GEOMETRY_OPAQUE | GEOMETRY_NO_DUPLICATE_ANY_HIT };
 
 /* A block that is being checked. Its bytes do not change meanwhile, so each is checked once. */
 struct block_reader {
@@ -32,17 +36,18 @@ static enum bvhd_status check_header(const struct block_reader *reader)
     const struct form_header *header = reader->header;
     if (memcmp(header->magic, form_magic, sizeof form_magic) != 0)
         return form_corrupt(reader->error, "magic", "no canonical copy");
-    if (header->version != CANONICAL_VERSION && header->version != CANONICAL_VERSION_ROUND)
-        return bvhd_error_set(reader->error, BVHD_INCOMPATIBLE, "version", "version %u, known are %d and %d",
-                              header->version, CANONICAL_VERSION, CANONICAL_VERSION_ROUND);
+    if (header->version < CANONICAL_VERSION || header->version > CANONICAL_VERSION_MICROMAP)
+        return bvhd_error_set(reader->error, BVHD_INCOMPATIBLE, "version", "version %u, known are %d to %d",
+                              header->version, CANONICAL_VERSION, CANONICAL_VERSION_MICROMAP);
     if (header->size != reader->block.size)
         return form_corrupt(reader->error, "size", "not the number of bytes given");
-    if (header->type != STRUCTURE_TOP && header->type != STRUCTURE_BOTTOM)
-        return form_corrupt(reader->error, "type", "neither top nor bottom level");
-    if (header->flags & ~(uint32_t)KNOWN_FLAGS ||
+    if (header->type != STRUCTURE_TOP && header->type != STRUCTURE_BOTTOM && header->type != STRUCTURE_MICROMAP)
+        return form_corrupt(reader->error, "type", "neither top nor bottom level, nor a micromap");
+    if (header->flags & ~(uint32_t)(KNOWN_FLAGS | MICROMAP_FLAGS) ||
         (header->flags & BUILD_PREFER_FAST_TRACE && header->flags & BUILD_PREFER_FAST_BUILD))
         return form_corrupt(reader->error, "flags", "flags that no build has");
-    if (header->geometry_count > LIMIT_MAX_GEOMETRIES || (header->type == STRUCTURE_TOP && header->geometry_count != 1))
+    if (header->geometry_count > LIMIT_MAX_GEOMETRIES ||
+        (header->type != STRUCTURE_BOTTOM && header->geometry_count != 1))
         return form_corrupt(reader->error, "geometryCount", "too many");
     if (header->primitive_count > (header->type == STRUCTURE_TOP ? LIMIT_MAX_INSTANCES : LIMIT_MAX_PRIMITIVES))
         return form_corrupt(reader->error, "primitiveCount", "too many");
@@ -56,7 +61,7 @@ static bool update_is_valid(const struct form_geometry *row, uint32_t flags)
     const struct input_kind *kind = input_kind_of(row->type);
     if (!(flags & BUILD_ALLOW_UPDATE) || !kind->update_is_sound)
         return row->update == 0 && row->vertex_format == 0 && row->max_vertex == 0 && row->index_type == 0 &&
-               row->lowest_index == 0 && row->radius_format == 0 && row->swept_modes == 0;
+               row->lowest_index == 0 && (form_may_have_micromap(row->type) || row->micromap_offset == 0);
     return kind->update_is_sound(row) &&
            (row->index_type == INDEX_NONE || row->index_type == INDEX_UINT16 || row->index_type == INDEX_UINT32);
 }
@@ -68,7 +73,8 @@ static bool update_is_valid(const struct form_geometry *row, uint32_t flags)
 static bool belongs_here(const struct block_reader *reader, const struct kind *kind)
 {
     const bool is_top = reader->header->type == STRUCTURE_TOP, has_motion = reader->header->flags & BUILD_MOTION;
-    return kind->is_top == is_top && kind->vulkan_type == kind_find(reader->rows[0].type)->vulkan_type &&
+    return kind->is_top == is_top && kind->is_micromap == (reader->header->type == STRUCTURE_MICROMAP) &&
+           kind->vulkan_type == kind_find(reader->rows[0].type)->vulkan_type &&
            (is_top ? kind->moves == has_motion : kind->moves <= has_motion);
 }
 
@@ -89,7 +95,7 @@ static enum bvhd_status check_row(const struct block_reader *reader, uint32_t in
     uint64_t vertices = (uint64_t)corners * row->primitive_count;
     if (row->indexed ? row->vertex_count == 0 : row->vertex_count != vertices)
         return form_corrupt_row(reader->error, index, "vertexCount", "does not fit the primitives");
-    if ((row->radius_format != 0 || row->swept_modes != 0) && !input_kind_of(row->type)->has_radii)
+    if (row->micromap_offset != 0 && !input_kind_of(row->type)->has_radii && !form_may_have_micromap(row->type))
         return form_corrupt_row(reader->error, index, "reserved", "not 0");
     if (!update_is_valid(row, reader->header->flags))
         return form_corrupt_row(reader->error, index, "update", "fields that no build has");
@@ -127,7 +133,10 @@ static enum bvhd_status check_place(const struct block_reader *reader, uint32_t 
     if (end > reader->block.size)
         return form_corrupt_row(reader->error, index, "primitiveCount", "does not fit the block");
     if (offset && *offset != given)
-        return form_corrupt_row(reader->error, index, offset == &row.index_offset ? "indexOffset" : "dataOffset",
+        return form_corrupt_row(reader->error, index,
+                                offset == &row.index_offset      ? "indexOffset"
+                                : offset == &row.micromap_offset ? "micromapOffset"
+                                                                 : "dataOffset",
                                 "not where the counts put it");
     uint64_t used = *at + form_bytes(&row, section);
     if (!all_zero(reader->block.data + used, end - used))
@@ -154,12 +163,21 @@ static enum bvhd_status check_places(const struct block_reader *reader)
     return BVHD_OK;
 }
 
+/* A micromap has nothing but a key and a number of triangles. */
+static bool reference_is_sound(const struct form_reference *row, uint32_t type)
+{
+    const struct form_reference micromap = form_micromap_reference(&row->key, row->triangle_count);
+    if (type != STRUCTURE_TOP)
+        return memcmp(row, &micromap, sizeof micromap) == 0;
+    return row->kind == REFERENCE_BLAS && row->triangle_count == 0 && form_bounds_valid(&row->bounds) &&
+           form_slabs_valid(&row->slabs, &row->bounds);
+}
+
 static enum bvhd_status check_references(const struct block_reader *reader)
 {
     const struct form_reference *rows = (const void *)(reader->block.data + reader->header->reference_offset);
     for (uint32_t i = 0; i < reader->header->reference_count; i++)
-        if (rows[i].kind != REFERENCE_BLAS || rows[i].reserved != 0 || !form_bounds_valid(&rows[i].bounds) ||
-            !form_slabs_valid(&rows[i].slabs, &rows[i].bounds))
+        if (!reference_is_sound(&rows[i], reader->header->type))
             return form_corrupt(reader->error, place("references[%u]", i).text,
                                 "kind, bounds or slabs that no reference has");
     return BVHD_OK;
@@ -170,8 +188,8 @@ static enum bvhd_status check_contents(const struct block_reader *reader, const 
     enum bvhd_status status = BVHD_OK;
     for (uint32_t i = 0; status == BVHD_OK && i < view->geometry_count; i++)
         status = input_kind_of(view->geometries[i].type)->check_foreign(view, i, reader->error);
-    if (status == BVHD_OK && view->type == STRUCTURE_BOTTOM && view->reference_count > 0)
-        return form_corrupt(reader->error, "referenceCount", "a bottom level has none");
+    if (status == BVHD_OK && view->type != STRUCTURE_TOP)
+        status = triangle_micromap_check_references(view, reader->error);
     return status == BVHD_OK ? validate_canonical(view, 0, NULL, reader->error) : status;
 }
 

@@ -7,21 +7,29 @@
 /* Where the other fields of a record (canonical.h) have the reference. */
 enum { REFERENCE_FIELD = 8 };
 
-static bool is_good(const struct reference *reference)
+/* A micromap has nothing but a key and its bytes, which triangle_micromap.c checks. */
+static bool is_good(const struct reference *reference, enum reference_kind kind)
 {
-    bool good = reference->kind == REFERENCE_BLAS && reference->handle != 0;
+    bool good = reference->kind == kind && reference->handle != 0;
+    if (kind == REFERENCE_MICROMAP)
+        return good && reference->has_key && reference->blob.data;
     for (int axis = 0; axis < 3; axis++)
         good =
             good && __builtin_isfinite(reference->bounds.min[axis]) && __builtin_isfinite(reference->bounds.max[axis]);
     return good && slabs_are_valid(&reference->slabs);
 }
 
-static enum bvhd_status refuse(const struct reference *reference, struct place where, struct bvhd_error *error)
+static enum bvhd_status refuse(const struct reference *reference, enum reference_kind kind, struct place where,
+                               struct bvhd_error *error)
 {
-    if (reference->kind != REFERENCE_BLAS)
+    if (reference->kind != kind)
         return bvhd_error_set(error, BVHD_UNSUPPORTED, where.text, "reference kind %u", (unsigned)reference->kind);
     if (reference->handle == 0)
         return bvhd_error_set(error, BVHD_INVALID, where.text, "handle 0 names nothing");
+    if (kind == REFERENCE_MICROMAP && !reference->has_key)
+        return bvhd_error_set(error, BVHD_INVALID, where.text, "a micromap without a key");
+    if (kind == REFERENCE_MICROMAP)
+        return bvhd_error_set(error, BVHD_NOT_FOUND, where.text, "the bytes of the micromap are not there");
     if (!slabs_are_valid(&reference->slabs))
         return bvhd_error_set(error, BVHD_INVALID, where.text, "slabs are not finite, or turned round");
     return bvhd_error_set(error, BVHD_INVALID, where.text, "bounds are not finite");
@@ -37,11 +45,12 @@ static enum bvhd_status check_references(const struct build_input *input, uint32
 {
     if (input->reference_count > 0 && !input->references)
         return bvhd_error_set(error, BVHD_INVALID, place("infos[%u].references", index).text, "no references given");
+    const enum reference_kind kind = input->type == STRUCTURE_TOP ? REFERENCE_BLAS : REFERENCE_MICROMAP;
     for (uint32_t i = 0; i < input->reference_count; i++) {
         if (parallel_cancelled_at(cancel, i))
             return cancelled(index, error);
-        if (!is_good(&input->references[i]))
-            return refuse(&input->references[i], place("infos[%u].references[%u]", index, i), error);
+        if (!is_good(&input->references[i], kind))
+            return refuse(&input->references[i], kind, place("infos[%u].references[%u]", index, i), error);
     }
     return BVHD_OK;
 }

@@ -22,7 +22,8 @@ struct reference_lookup {
 /*
  * Checks the caller's table and sorts it. `index`: the entry's position in its batch, for errors. Returns BVHD_INVALID
  * with the place for a bad handle, bounds or slabs or for a handle that occurs twice, BVHD_UNSUPPORTED for an unknown
- * kind, BVHD_NO_MEMORY, or BVHD_CANCELLED. reference_lookup_finish frees the lookup; it may be NULL.
+ * kind (a top level names bottom levels, and a bottom level micromaps), BVHD_NOT_FOUND for a micromap without bytes,
+ * BVHD_NO_MEMORY, or BVHD_CANCELLED. reference_lookup_finish frees the lookup; it may be NULL.
  */
 enum bvhd_status reference_lookup_init(const struct build_input *input, uint32_t index,
                                        const struct build_context *context, struct reference_lookup *ret_lookup,

@@ -3,6 +3,7 @@
 
 #include "builder/input/reach.h"
 #include "builder/input/transform.h"
+#include "builder/input/triangle_micromap.h"
 #include "builder/input/triangles_refs.h"
 #include "builder/input/validate.h"
 #include "builder/input/vertex_format.h"
@@ -64,7 +65,7 @@ enum bvhd_status triangles_check_memory(const struct validate_subject *subject)
     enum bvhd_status status = check_range(subject, format);
     if (status == BVHD_OK && subject->geometry->range.primitive_count > 0)
         status = check_arrays(subject, format);
-    return status;
+    return status == BVHD_OK ? triangle_micromap_check_memory(subject) : status;
 }
 
 void triangles_describe(const struct geometry *geometry, bool is_update, struct form_geometry *row)
@@ -277,7 +278,7 @@ enum bvhd_status triangles_check_foreign(const struct canonical *canonical, uint
         return form_corrupt_row(error, index, "vertexCount", "not the highest index plus one");
     if (geometry->indices && lowest != 0)
         return form_corrupt_row(error, index, "indices", "they do not start at 0");
-    return BVHD_OK;
+    return triangle_micromap_check_foreign(canonical, index, error);
 }
 
 static void outline(const struct canonical_geometry *geometry, uint32_t first, uint32_t count, struct reach *reach)

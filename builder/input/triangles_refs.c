@@ -28,7 +28,7 @@ struct classification triangles_refs_look(const struct canonical *canonical, con
         box_add_point(&finding.box, corners[k]);
     }
     finding.degenerate = !infinite && has_no_area((const float(*)[3])corners);
-    finding.kept = keep_all || !(infinite || finding.degenerate);
+    finding.kept = (keep_all || !(infinite || finding.degenerate)) && !canonical_is_transparent(geometry, index);
     return finding;
 }
 
@@ -269,6 +269,8 @@ uint32_t triangles_refs_collect(const struct canonical *canonical, const struct 
                                 struct primitive_ref *refs)
 {
     uint32_t kept = 0;
+    if (geometry->resolves_micromaps)
+        return classification_collect(triangles_refs_look, canonical, geometry, first, end, counts, refs);
     while (first < end) {
         uint32_t made = collect_pairs(geometry, first, end - first, refs + kept);
         kept += made;
@@ -288,6 +290,8 @@ uint32_t triangles_refs_collect_moving(classification_look look, const struct ca
                                        struct classification_counts *counts, struct primitive_ref *refs)
 {
     uint32_t kept = 0;
+    if (geometry->resolves_micromaps)
+        return classification_collect(look, canonical, geometry, first, end, counts, refs);
     while (first < end) {
         uint32_t made = collect_ends(geometry, first, end - first, refs + kept);
         kept += made;

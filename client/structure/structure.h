@@ -21,6 +21,7 @@ struct structure_contents {
     uint32_t layout_flags; /* with which it was built */
     uint64_t body_size; /* what an object needs that is to hold it */
     uint64_t handle_count;
+    uint64_t body_offset; /* of a portable structure: where its body begins in the blob */
     uint32_t motion_instances; /* of a top level that moves: its instances, inactive ones too; else 0 */
     struct positions *positions; /* NULL: a portable structure without ALLOW_DATA_ACCESS */
     bool is_compacted; /* by COMPACT, or possibly, before it was serialized: then updates need no more than it has */

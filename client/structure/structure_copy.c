@@ -110,7 +110,7 @@ static void clear_compaction(unsigned char *blob, const struct structure_content
 {
     if (contents->target != TARGET_PORTABLE)
         return;
-    const uint64_t body = portable_body_offset(contents->handle_count);
+    const uint64_t body = contents->body_offset;
     unsigned char *flags = blob + body + offsetof(struct portable_header, build_flags);
     bytes_put32(flags, bytes_get32(flags) & ~(uint32_t)BUILD_ALLOW_COMPACTION);
 }

@@ -67,6 +67,7 @@ enum bvhd_status structure_read(struct bvhd_blob *blob, struct structure_content
         return status;
     contents.body_size = header.deserialized_size;
     contents.handle_count = header.handle_count;
+    contents.body_offset = portable_body_of(&header);
     *ret_contents = contents;
     return BVHD_OK;
 }

@@ -32,13 +32,17 @@ static const struct vulkan_records moving_records = {
     .location = MOVING_LOCATION,
 };
 
+/* The newest version of the portable layout that is loaded: structures with micromaps are not. */
+enum { LOADED_NEWEST = 2 };
+
 static enum bvhd_status read_portable(struct vulkan_blob *blob, struct bvhd_error *error)
 {
     struct portable_header header;
-    if (portable_version_of(blob->header.compatibility_uuid) == 0)
+    const uint32_t version = portable_version_of(blob->header.compatibility_uuid);
+    if (version == 0 || version > LOADED_NEWEST)
         return bvhd_error_set(error, BVHD_INCOMPATIBLE, "header.compatibilityUUID",
                               "a portable structure of version %u, this library loads versions 1 to %d",
-                              blob->header.compatibility_uuid[15], PORTABLE_NEWEST);
+                              blob->header.compatibility_uuid[15], LOADED_NEWEST);
     uint64_t offset = portable_body_offset(blob->header.handle_count);
     if (offset > blob->bytes.size || blob->bytes.size - offset < sizeof header)
         return bvhd_error_set(error, BVHD_CORRUPT, "body", "too short");
@@ -73,6 +77,8 @@ static VkAccelerationStructureTypeKHR native_type(const struct vulkan_blob *blob
 
 static enum bvhd_status read_native(struct vulkan_blob *blob, struct bvhd_error *error)
 {
+    if (blob->header.micromap_count > 0)
+        return bvhd_error_set(error, BVHD_INCOMPATIBLE, "header.handleCount", "native structures have no micromaps");
     uint64_t offset = SERIALIZED_HANDLES + 8 * blob->header.handle_count;
     blob->body = (struct bytes){blob->bytes.data + offset, blob->bytes.size - offset};
     if (blob->header.deserialized_size != blob->body.size ||

@@ -45,7 +45,7 @@ static bool says_not_updatable(struct bytes bytes)
     struct serialized_header header;
     if (serialized_read(bytes, &header, NULL) != BVHD_OK)
         return false;
-    uint64_t body = portable_body_offset(header.handle_count);
+    uint64_t body = portable_body_of(&header);
     return memcmp(header.driver_uuid, portable_driver_uuid, sizeof header.driver_uuid) == 0 &&
            bytes_reach(bytes.size, body, 0, 0, sizeof(struct portable_header)) &&
            !(bytes_get32(bytes.data + body + offsetof(struct portable_header, build_flags)) & BUILD_ALLOW_UPDATE);

@@ -78,6 +78,8 @@ uint32_t test_scene_add(struct test_scene *scene, const struct geometry *geometr
         .geometry_count = count,
         .geometries = geometries,
         .options.layout_flags = layout_flags,
+        .references = scene->micromaps,
+        .reference_count = scene->micromap_count,
     };
     must(row < TEST_SCENE_BOTTOMS, "too many bottom levels", NULL);
     build_row(scene, &input, NULL, row);

@@ -42,6 +42,8 @@ struct test_scene {
 
     enum build_quality quality; /* of everything that is added from now on */
     uint32_t flags; /* BUILD_, likewise */
+    const struct reference *micromaps; /* that bottom levels may name, likewise */
+    uint32_t micromap_count;
 };
 
 void test_scene_init(struct test_scene *scene);

@@ -114,7 +114,9 @@ static void headers_are_checked(void **state)
     SPOIL(&s, h->depth, h->depth + 1, "body.depth");
     SPOIL(&s, h->record_count, 0, "body.recordCount");
     SPOIL(&s, h->reserved[1], 1, "body.reserved");
-    SPOIL(&s, h->micromap_count, 1, "body.micromapOffset");
+    SPOIL(&s, h->micromap_count, 1, "body.micromapCount");
+    SPOIL(&s, h->micromap_offset, 1, "body.micromapOffset");
+    SPOIL(&s, h->micromap_index_count, 1, "body.micromapOffset");
     SPOIL(&s, h->bounds[0], NAN, "body.bounds");
     SPOIL(&s, h->bounds[4], INFINITY, "body.bounds");
     SPOIL(&s, h->bounds[2], h->bounds[5] * 2 + 1, "body.bounds");

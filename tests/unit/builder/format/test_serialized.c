@@ -122,15 +122,66 @@ static void handles_must_fit(void **state)
     }
 }
 
-static void blocks_of_newer_headers_are_refused(void **state)
+/* Reads a header in block form with so many blocks, whose block says these two words. */
+static enum bvhd_status read_block(uint64_t blocks, uint64_t type, uint64_t count, struct serialized_header *ret_header,
+                                   struct bvhd_error *error)
+{
+    unsigned char blob[BLOB_SIZE];
+    make_blob(blob);
+    bytes_put64(blob + 48, UINT64_C(0xffffffff00000000) + blocks);
+    bytes_put64(blob + 56, type);
+    bytes_put64(blob + 64, count);
+    return read_copy(blob, BLOB_SIZE, ret_header, error);
+}
+
+static void a_block_of_micromaps_is_read(void **state)
 {
     (void)state;
+    const uint64_t most = (BLOB_SIZE - SERIALIZED_MICROMAPS) / 8;
+    struct serialized_header header;
+    unsigned char written[SERIALIZED_MICROMAPS + 16], read[BLOB_SIZE];
+    for (uint64_t count = 1; count <= most; count++) {
+        assert_int_equal(read_block(1, 0, count, &header, NULL), BVHD_OK);
+        assert_int_equal(header.micromap_count, count);
+        assert_int_equal(header.handle_count, 0);
+        assert_int_equal(serialized_end(&header), 72 + 8 * count);
+    }
+    memset(written, 0x77, sizeof written);
+    serialized_write(written, &header);
+    make_blob(read);
+    bytes_put64(read + 48, UINT64_C(0xffffffff00000001));
+    bytes_put64(read + 56, 0);
+    bytes_put64(read + 64, most);
+    memset(read + 72, 0x77, 16);
+    assert_memory_equal(written, read, sizeof written);
+}
+
+static void other_blocks_are_refused(void **state)
+{
+    (void)state;
+    struct serialized_header header;
     struct bvhd_error error;
-    for (uint64_t blocks = 0; blocks < 3; blocks++) {
-        assert_int_equal(read_with_handles(UINT64_C(0xffffffff00000000) + blocks, &error), BVHD_INCOMPATIBLE);
+    const uint64_t most = (BLOB_SIZE - SERIALIZED_MICROMAPS) / 8;
+    static const uint64_t blocks[] = {0, 2, 3, UINT32_MAX};
+    for (size_t i = 0; i < sizeof blocks / sizeof *blocks; i++) {
+        assert_int_equal(read_block(blocks[i], 0, 1, &header, &error), BVHD_INCOMPATIBLE);
         assert_string_equal(error.where, "header.handleCount");
     }
-    assert_int_equal(read_with_handles(UINT64_MAX, &error), BVHD_INCOMPATIBLE);
+    assert_int_equal(read_block(1, 1, 1, &header, &error), BVHD_INCOMPATIBLE);
+    assert_int_equal(read_block(1, UINT64_C(1) << 32, 1, &header, &error), BVHD_INCOMPATIBLE);
+    const uint64_t counts[] = {0, most + 1, UINT64_C(1) << 61, UINT64_MAX};
+    for (size_t i = 0; i < sizeof counts / sizeof *counts; i++) {
+        assert_int_equal(read_block(1, 0, counts[i], &header, &error), BVHD_CORRUPT);
+        assert_string_equal(error.where, "header.blocks");
+    }
+    unsigned char blob[SERIALIZED_HANDLES + 15];
+    memset(blob, 0, sizeof blob);
+    bytes_put64(blob + 32, sizeof blob);
+    bytes_put64(blob + 48, UINT64_C(0xffffffff00000001));
+    for (int i = 0; i < 2; i++) {
+        assert_int_equal(read_copy(blob, sizeof blob, &header, &error), BVHD_CORRUPT);
+        assert_string_equal(error.where, "header.blocks");
+    }
 }
 
 int main(void)
@@ -141,7 +192,8 @@ int main(void)
         cmocka_unit_test(every_truncation_is_corrupt),
         cmocka_unit_test(an_extra_byte_is_corrupt),
         cmocka_unit_test(handles_must_fit),
-        cmocka_unit_test(blocks_of_newer_headers_are_refused),
+        cmocka_unit_test(a_block_of_micromaps_is_read),
+        cmocka_unit_test(other_blocks_are_refused),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

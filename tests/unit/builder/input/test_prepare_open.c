@@ -266,9 +266,10 @@ static void places_are_named(void **state)
     reason(TRIANGLES, 0, 1, BVHD_CORRUPT, "magic");
     reason(TRIANGLES, 4, 1, BVHD_INCOMPATIBLE, "version");
     reason(TRIANGLES, 4, 3, BVHD_CORRUPT, "version");
-    reason(TRIANGLES, 4, 4, BVHD_INCOMPATIBLE, "version");
+    reason(TRIANGLES, 4, 4, BVHD_CORRUPT, "version");
+    reason(TRIANGLES, 4, 5, BVHD_INCOMPATIBLE, "version");
     reason(TRIANGLES, 8, 2, BVHD_CORRUPT, "type");
-    reason(TRIANGLES, 12, 0x40, BVHD_CORRUPT, "flags");
+    reason(TRIANGLES, 12, 0x200, BVHD_CORRUPT, "flags");
     reason(TRIANGLES, 12, BUILD_MOTION, BVHD_CORRUPT, "version");
     reason(TRIANGLES, 12, 0xc, BVHD_CORRUPT, "flags");
     reason(TRIANGLES, 16, 1u << 24, BVHD_CORRUPT, "geometryCount");
@@ -303,7 +304,8 @@ static void places_are_named(void **state)
     reason(SPHERES, 4, 2, BVHD_CORRUPT, "version");
     reason(SPHERES, 64 + 36, 1, BVHD_CORRUPT, "geometries[0].update");
     reason(SPHERES, 64 + 56, 100, BVHD_CORRUPT, "geometries[0].update");
-    reason(TRIANGLES, 64 + 56, 100, BVHD_CORRUPT, "geometries[0].reserved");
+    reason(TRIANGLES, 64 + 56, 100, BVHD_CORRUPT, "version");
+    reason(BOXES, 64 + 56, 100, BVHD_CORRUPT, "geometries[0].reserved");
     reason(UPDATABLE_SPHERES, 64 + 36, 3, BVHD_CORRUPT, "geometries[0].update");
     reason(UPDATABLE_SPHERES, 64 + 44, 1, BVHD_CORRUPT, "geometries[0].update");
     reason(UPDATABLE_SPHERES, 64 + 56, 106, BVHD_CORRUPT, "geometries[0].update");
