@@ -18,7 +18,7 @@ struct leaf_kind {
     void (*prepare)(struct traverse_state *state);
     bool can_unpack; /* unpacked_fill() takes such structures */
     bool unpacks_few; /* single rays use the unpacked nodes of small structures only */
-    uint32_t shape_floats; /* numbers that unpacked_fill() copies for each record */
+    uint32_t shape_floats; /* of what unpacked_fill() copies for each record (unpacked_shapes()) */
     bool has_packets; /* packet_avx2.c walks through a structure that is unpacked, */
     bool packs_any; /* and rays that search any hit take less time so */
     traverse_leaf visit;

@@ -53,7 +53,7 @@ BOXTEST_AVX2_INLINE void packet_round_begin(struct packet *packet, uint32_t lane
     for (uint32_t rest = lanes; rest != 0; rest &= rest - 1)
         packet->states[__builtin_ctz(rest)].state.round_kind = is_swept ? MET_SWEPT_SPHERE : MET_SPHERE;
     packet->round = ret_round;
-    packet->record_size = (is_swept ? 8 : 4) * sizeof(float);
+    packet->record_size = (is_swept ? UNPACKED_SWEPT : UNPACKED_SPHERE) * sizeof(float);
     packet->step_cost = COST_ROUND;
 }
 
@@ -113,7 +113,7 @@ BOXTEST_AVX2_INLINE void packet_round_meet_four(const struct packet *packet, con
 BOXTEST_AVX2_INLINE void packet_round_meet(struct packet *packet, uint32_t record, uint32_t lanes, bool is_swept)
 {
     struct packet_round *round = packet->round;
-    const float *shape = round->shapes + (uint64_t)(is_swept ? 8 : 4) * record;
+    const float *shape = round->shapes + (uint64_t)(is_swept ? UNPACKED_SWEPT : UNPACKED_SPHERE) * record;
     for (int half = 0; half < 2; half++) {
         struct round_lanes_hits hits;
         double t[LANES / 2], u[LANES / 2];
@@ -126,7 +126,7 @@ BOXTEST_AVX2_INLINE void packet_round_meet(struct packet *packet, uint32_t recor
         _mm256_storeu_pd(u, hits.u);
         for (unsigned rest = lanes_met(&hits); rest != 0; rest &= rest - 1) {
             const unsigned at = (unsigned)__builtin_ctz(rest), lane = 4 * (unsigned)half + at;
-            const uint32_t id = round_record_at(packet->view, record)->id;
+            const uint32_t id = unpacked_shape_id(shape, is_swept);
             if (hits.hits >> at & 1)
                 traverse_leaf_round(&packet->states[lane].state, record, id & PORTABLE_ID_MASK, id & PORTABLE_ID_OPAQUE,
                                     t[at], u[at]);

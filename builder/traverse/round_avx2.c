@@ -36,7 +36,7 @@ __attribute__((noinline)) BOXTEST_AVX2 static void prepare_lanes(struct round_wa
 BOXTEST_AVX2_INLINE const float *shape_of(const struct round_walk *walk, uint32_t record, bool is_unpacked,
                                           bool is_swept)
 {
-    return is_unpacked ? walk->shapes + (uint64_t)(is_swept ? 8 : 4) * record
+    return is_unpacked ? walk->shapes + (uint64_t)(is_swept ? UNPACKED_SWEPT : UNPACKED_SPHERE) * record
                        : round_vertex_of(walk->nodes.view, round_record_at(walk->nodes.view, record));
 }
 
@@ -71,7 +71,8 @@ BOXTEST_AVX2_INLINE void load_swept(const float *const places[LANES], __m256d re
 
 /* Processes the pairs that hit or are open. Returns false if the ray is finished. */
 BOXTEST_AVX2_INLINE bool decide(const struct round_walk *walk, const uint32_t *records,
-                                const struct round_lanes_hits *hits, bool is_swept)
+                                const float *const places[LANES], const struct round_lanes_hits *hits, bool is_unpacked,
+                                bool is_swept)
 {
     const struct portable_view *view = walk->nodes.view;
     struct traverse_state *state = walk->nodes.state;
@@ -86,7 +87,8 @@ BOXTEST_AVX2_INLINE bool decide(const struct round_walk *walk, const uint32_t *r
         } else if (is_swept && !(hits->hits >> lane & 1)) {
             round_meet_cap(state, view, records[lane], hits->ends[1] >> lane & 1);
         } else {
-            const uint32_t id = round_record_at(view, records[lane])->id;
+            const uint32_t id =
+                is_unpacked ? unpacked_shape_id(places[lane], is_swept) : round_record_at(view, records[lane])->id;
             traverse_leaf_round(state, records[lane], id & PORTABLE_ID_MASK, id & PORTABLE_ID_OPAQUE, t[lane],
                                 is_swept ? u[lane] : 0);
         }
@@ -115,7 +117,7 @@ BOXTEST_AVX2_INLINE bool meet_lanes(struct round_walk *walk, const uint32_t *rec
         load_spheres(places, spheres);
         lanes_meet_spheres(&walk->lanes, spheres, tmax, wanted, &hits);
     }
-    return lanes_met(&hits) == 0 || decide(walk, records, &hits, is_swept);
+    return lanes_met(&hits) == 0 || decide(walk, records, places, &hits, is_unpacked, is_swept);
 }
 
 BOXTEST_AVX2_INLINE bool meet_gathered(struct round_walk *walk, const uint32_t *records, unsigned count,
@@ -233,9 +235,7 @@ BOXTEST_AVX2_INLINE uint64_t push_farther(const struct unpacked_node *nodes, uin
         for (; at > base && at[-1] < later; at--)
             at[0] = at[-1];
         *at = later;
-        const char *node = (const char *)&nodes[(uint32_t)later & CHILD_INDEX_MASK];
-        __builtin_prefetch(node);
-        __builtin_prefetch(node + 64);
+        prefetch_node(&nodes[(uint32_t)later & CHILD_INDEX_MASK]);
     }
     return nearest;
 }

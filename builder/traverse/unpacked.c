@@ -101,9 +101,12 @@ static void fill_shapes(const struct portable_view *view, float *ret_shapes)
     const uint32_t floats = leaf_kind_of(view)->shape_floats, count = view->header->record_count;
     if (floats == 0)
         return;
-    for (uint32_t i = 0; i < count; i++)
-        memcpy(ret_shapes + (uint64_t)floats * i, round_vertex_of(view, round_record_at(view, i)),
-               floats * sizeof(float));
+    for (uint32_t i = 0; i < count; i++) {
+        const struct portable_round *round = round_record_at(view, i);
+        float *shape = ret_shapes + (uint64_t)floats * i;
+        memcpy(shape, round_vertex_of(view, round), (floats - 1) * sizeof(float));
+        memcpy(shape + floats - 1, &round->id, sizeof round->id);
+    }
     memset(ret_shapes + (uint64_t)floats * count, 0, UNPACKED_SHAPES_ROOM * floats * sizeof(float));
 }
 

@@ -48,13 +48,22 @@ void unpacked_fill(const struct portable_view *view, struct unpacked_node *ret_n
 
 /*
  * Returns what follows the nodes of spheres and of linear swept spheres: for each record its sphere, of 4 floats, or
- * its two ends, of 8. After them there is room for UNPACKED_SHAPES_ROOM more, so that they can be read eight at a time.
+ * its two ends, of 8, and its id in place of one more, so that a hit needs no access to the record. After them there is
+ * room for UNPACKED_SHAPES_ROOM more, so that they can be read eight at a time.
  */
-enum { UNPACKED_SHAPES_ROOM = 7 };
+enum { UNPACKED_SPHERE = 5, UNPACKED_SWEPT = 9, UNPACKED_SHAPES_ROOM = 7 };
 
 static inline const float *unpacked_shapes(const struct portable_view *view, const struct unpacked_node *nodes)
 {
     return (const float *)(const void *)(nodes + view->header->node_count);
+}
+
+/* Returns the id of a shape. */
+static inline uint32_t unpacked_shape_id(const float *shape, bool is_swept)
+{
+    uint32_t id;
+    memcpy(&id, shape + (is_swept ? UNPACKED_SWEPT : UNPACKED_SPHERE) - 1, sizeof id);
+    return id;
 }
 
 /* A moving node: its boxes at t = 0, and by how much each plane has moved at t = 1. */
