@@ -55,12 +55,14 @@ gone()
     [ -z "$(tr -d '\0' 2>/dev/null <"/proc/$1/cmdline")" ]
 }
 
-# Prints the processes of the daemons that bvhctl started in this test.
+# Prints the processes of the daemons that bvhctl started in this test. One search through all processes finds those
+# that name the folder.
 private_daemons()
 {
-    for entry in /proc/[0-9]*; do
-        if tr '\0' ' ' 2>/dev/null <"$entry/cmdline" | grep -q "bvhd --socket $scratch/"; then
+    for entry in $(grep -asl -F -- "$scratch/" /proc/[0-9]*/cmdline); do
+        if tr '\0' ' ' 2>/dev/null <"$entry" | grep -q "bvhd --socket $scratch/"; then
             pid=${entry#/proc/}
+            pid=${pid%/cmdline}
             case " $daemons " in
             *" $pid "*) ;;
             *) echo "$pid" ;;
