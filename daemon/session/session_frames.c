@@ -4,6 +4,7 @@
 #include "daemon/session/session_internal.h"
 #include "daemon/system/log.h"
 #include "daemon/system/release.h"
+#include "proto/base/validate_shape.h"
 
 void session_drop_descriptors(struct session *session, const struct frame *frame, uint32_t first)
 {
@@ -33,6 +34,7 @@ static void welcome(struct session *session, uint64_t request)
         .max_payload = service->options.memory,
         .builders = service->builders,
         .updates = true,
+        .micromaps = validate_micromaps,
         .max_held = user_promise(&session->client.member, session->releases ? HELD_DIVISOR : 0),
     };
     struct bytes control;

@@ -48,6 +48,7 @@ enum bvhd_status control_pack_welcome(const struct control_welcome *welcome, str
     message.max_held = welcome->max_held;
     message.builders = welcome->builders;
     message.updates = welcome->updates;
+    message.micromaps = welcome->micromaps;
     return control_encode(&message.base, memory, ret_bytes, error);
 }
 
@@ -66,6 +67,7 @@ static void fill_welcome(const void *from, void *ret_plain)
     welcome->max_held = message->max_held;
     welcome->builders = message->builders;
     welcome->updates = message->updates != 0;
+    welcome->micromaps = message->micromaps != 0;
 }
 
 static const struct control_kind welcome_kind = {"welcome", &bvhd__welcome__descriptor, sizeof(struct control_welcome),

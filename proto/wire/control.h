@@ -66,6 +66,7 @@ struct control_welcome {
     uint64_t max_held; /* bytes of results in descriptors that a client which sends RELEASED should hold at most */
     uint32_t builders; /* bits 1 << BUILDER_ of what items may ask for; 0: an older daemon, with BUILDER_OWN alone */
     bool updates; /* items may have MODE_UPDATE; false: an older daemon, which refuses them */
+    bool micromaps; /* items may be opacity micromaps, and have them on triangles; false: the daemon refuses both */
 };
 
 /* FRAME_POOL: offers the client's pool, which is the frame's descriptor. */

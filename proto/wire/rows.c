@@ -17,6 +17,10 @@ static const struct {
     [ROW_TRANSFORM] = {"transform", offsetof(struct geometry_row, transform)},
     [ROW_RADII] = {"radii", offsetof(struct geometry_row, radii)},
     [ROW_END_POSITIONS] = {"endPositions", offsetof(struct geometry_row, end_positions)},
+    [ROW_USAGES] = {"usages", offsetof(struct geometry_row, usages)},
+    [ROW_MICROMAP_INDICES] = {"micromapIndices", offsetof(struct geometry_row, micromap_indices)},
+    [ROW_MICROMAP_TRIANGLES] = {"micromapTriangles", offsetof(struct geometry_row, micromap_triangles)},
+    [ROW_COORDINATES] = {"coordinates", offsetof(struct geometry_row, coordinates)},
 };
 
 struct arrays {
@@ -74,7 +78,7 @@ uint32_t rows_geometry_size(const struct build_input *input)
 {
     uint32_t size = ROWS_GEOMETRY_LEAST;
     for (uint32_t i = 0; i < input->geometry_count && size < ROWS_GEOMETRY_SIZE; i++) {
-        uint32_t needed = row_kind_find(input->geometries[i].type)->size;
+        uint32_t needed = row_kind_size(&input->geometries[i]);
         size = needed > size ? needed : size;
     }
     return size;
@@ -289,14 +293,32 @@ static bool has_newer_fields(const struct geometry_row *row)
     return row->reserved != 0 || row->reserved_round != 0;
 }
 
+/* Makes all fields of a micromap 0 in the row of triangles that says that they have none. */
+static void forget_micromap(struct geometry_row *row)
+{
+    memset((unsigned char *)row + ROWS_GEOMETRY_ROUND, 0, ROWS_GEOMETRY_ATTACHED - ROWS_GEOMETRY_ROUND);
+}
+
+static enum bvhd_status check_micromap(const struct rows_reader *reading, uint32_t i, const struct geometry_row *row)
+{
+    if (row->has_micromap <= 1 && row->has_usages <= 1)
+        return BVHD_OK;
+    return bvhd_error_set(reading->error, BVHD_CORRUPT, place("infos[%u].geometries[%u]", reading->index, i).text,
+                          "%s is neither 0 nor 1", row->has_micromap > 1 ? "has_micromap" : "has_usages");
+}
+
 /* A row with an unknown type passes; validation refuses it. */
-static enum bvhd_status row_to_geometry(const struct rows_reader *reading, uint32_t i, const struct geometry_row *row,
+static enum bvhd_status row_to_geometry(const struct rows_reader *reading, uint32_t i, struct geometry_row *row,
                                         struct geometry *ret_geometry)
 {
     const struct row_kind *kind = row_kind_find(row->type);
     if (has_newer_fields(row))
         return bvhd_error_set(reading->error, BVHD_UNSUPPORTED,
                               place("infos[%u].geometries[%u]", reading->index, i).text, "fields of a newer version");
+    if (kind->can_have_micromap && row->has_micromap == 0)
+        forget_micromap(row);
+    if (kind->can_have_micromap && check_micromap(reading, i, row) != BVHD_OK)
+        return BVHD_CORRUPT;
     memset(ret_geometry, 0, sizeof *ret_geometry);
     ret_geometry->type = row->type;
     ret_geometry->flags = row->flags;

@@ -14,6 +14,8 @@
 #ifndef BVHD_ROWS_H
 #define BVHD_ROWS_H
 
+#include <stddef.h>
+
 #include "proto/base/geometry.h"
 #include "proto/base/memory.h"
 #include "proto/base/parallel.h"
@@ -31,8 +33,8 @@ struct geometry_row {
     uint32_t primitive_count, primitive_offset, first_vertex, transform_offset;
     uint32_t vertex_format, max_vertex, index_type;
     uint32_t reserved; /* 0 */
-    uint64_t stride; /* bytes, of vertices or boxes */
-    struct row_span data; /* vertices, boxes or instance records */
+    uint64_t stride; /* bytes, of vertices, boxes, a micromap's triangles or rows of texels */
+    struct row_span data; /* vertices, boxes, instance records, states of a micromap or rows of texels */
     struct row_span indices;
     struct row_span transform;
     /* Shorter rows end before these fields. */
@@ -41,6 +43,21 @@ struct geometry_row {
     uint64_t index_stride, radius_stride; /* bytes */
     struct row_span radii;
     struct row_span end_positions; /* of motion triangles: the vertices at t = 1 */
+    /* Rows without micromaps end before these fields, which are those of struct triangle_micromap. */
+    uint32_t has_micromap, has_usages; /* 0 or 1 */
+    uint32_t micromap_index_type, base_triangle;
+    uint64_t micromap;
+    uint64_t micromap_stride; /* bytes */
+    struct row_span usages; /* of micromaps, too */
+    struct row_span micromap_indices;
+    /* Rows of triangles end before these fields: of a micromap and, from the next line on, of a baked one. */
+    struct row_span micromap_triangles;
+    uint32_t alpha_width, alpha_height, wrap_u, wrap_v;
+    uint32_t is_nearest, bake_mode, micromap_format, micromap_level;
+    float alpha_cutoff;
+    uint32_t vertex_count;
+    uint64_t coordinate_stride; /* bytes */
+    struct row_span coordinates;
 };
 
 /* One reference in its wire format; fields as in struct reference. */
@@ -56,11 +73,14 @@ struct reference_row {
 };
 
 /*
- * The sizes of rows with all fields, and the smallest sizes that a reader accepts: those of version 1. Data in payloads
- * starts at multiples of ROWS_ALIGNMENT.
+ * The sizes of rows with all fields, and the smallest sizes that a reader accepts: those of version 1. Between them are
+ * those that end where other fields begin. Data in payloads starts at multiples of ROWS_ALIGNMENT.
  */
 enum {
-    ROWS_GEOMETRY_SIZE = 160,
+    ROWS_GEOMETRY_SIZE = 304,
+    ROWS_GEOMETRY_MICROMAP = 240,
+    ROWS_GEOMETRY_ATTACHED = 224,
+    ROWS_GEOMETRY_ROUND = 160,
     ROWS_GEOMETRY_LEAST = 96,
     ROWS_REFERENCE_SIZE = 160,
     ROWS_REFERENCE_LEAST = 80,
@@ -70,10 +90,15 @@ enum {
 
 _Static_assert(sizeof(struct geometry_row) == ROWS_GEOMETRY_SIZE && sizeof(struct reference_row) == ROWS_REFERENCE_SIZE,
                "wire format");
+_Static_assert(offsetof(struct geometry_row, alpha_width) == ROWS_GEOMETRY_MICROMAP &&
+                   offsetof(struct geometry_row, micromap_triangles) == ROWS_GEOMETRY_ATTACHED &&
+                   offsetof(struct geometry_row, has_micromap) == ROWS_GEOMETRY_ROUND &&
+                   offsetof(struct geometry_row, radius_format) == ROWS_GEOMETRY_LEAST,
+               "where rows end");
 
 /*
  * Returns how many bytes each geometry row of the description's payload has: ROWS_GEOMETRY_LEAST, which every daemon
- * understands, unless a kind of geometry needs more.
+ * understands, unless a kind of geometry, or a micromap that is attached to one, needs more.
  */
 uint32_t rows_geometry_size(const struct build_input *input);
 

@@ -24,6 +24,12 @@ struct test_input {
     uint32_t records[INPUTS_RECORDS][16];
     float end_vertices[INPUTS_VERTICES][5]; /* as vertices, at t = 1 */
     uint32_t motion_records[INPUTS_MOTION_RECORDS][40];
+    /* of inputs_micromap.h */
+    struct micromap_usage usages[2];
+    struct micromap_triangle micromap_triangles[2];
+    unsigned char states[16]; /* or 4 x 4 texels */
+    uint16_t micromap_indices[4];
+    float coordinates[4][2];
 };
 
 static inline void inputs_start(struct test_input *test, uint32_t type, uint32_t geometry_count)

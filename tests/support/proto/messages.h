@@ -55,6 +55,7 @@ static inline void messages_fill(struct messages *all)
     all->welcome.max_held = 12345678901;
     all->welcome.builders = 3;
     all->welcome.updates = true;
+    all->welcome.micromaps = true;
     all->released.bytes = UINT64_MAX - 5;
     all->pool.size = UINT64_C(1) << 40;
     all->build =

@@ -72,6 +72,46 @@ static inline void payload_compare_spheres(const struct geometry_spheres *a, con
     payload_compare_bytes(a->indices, b->indices);
 }
 
+static inline void payload_compare_attached(const struct triangle_micromap *a, const struct triangle_micromap *b)
+{
+    assert_int_equal(a->is_given, b->is_given);
+    assert_int_equal(a->index_type, b->index_type);
+    assert_int_equal(a->stride, b->stride);
+    assert_int_equal(a->base_triangle, b->base_triangle);
+    assert_int_equal(a->has_usages, b->has_usages);
+    assert_int_equal(a->micromap, b->micromap);
+    payload_compare_bytes(a->indices, b->indices);
+    payload_compare_bytes(a->usages, b->usages);
+}
+
+static inline void payload_compare_micromaps(const struct geometry_micromap *a, const struct geometry_micromap *b)
+{
+    assert_int_equal(a->stride, b->stride);
+    payload_compare_bytes(a->usages, b->usages);
+    payload_compare_bytes(a->states, b->states);
+    payload_compare_bytes(a->triangles, b->triangles);
+}
+
+static inline void payload_compare_bakes(const struct geometry_bake *a, const struct geometry_bake *b)
+{
+    assert_int_equal(a->width, b->width);
+    assert_int_equal(a->height, b->height);
+    assert_int_equal(a->row_stride, b->row_stride);
+    assert_int_equal(a->wrap_u, b->wrap_u);
+    assert_int_equal(a->wrap_v, b->wrap_v);
+    assert_int_equal(a->is_nearest, b->is_nearest);
+    assert_int_equal(a->mode, b->mode);
+    assert_memory_equal(&a->cutoff, &b->cutoff, sizeof a->cutoff);
+    assert_int_equal(a->format, b->format);
+    assert_int_equal(a->level, b->level);
+    assert_int_equal(a->coordinate_stride, b->coordinate_stride);
+    assert_int_equal(a->vertex_count, b->vertex_count);
+    assert_int_equal(a->index_type, b->index_type);
+    payload_compare_bytes(a->alpha, b->alpha);
+    payload_compare_bytes(a->coordinates, b->coordinates);
+    payload_compare_bytes(a->indices, b->indices);
+}
+
 static inline void payload_compare_geometries(const struct geometry *a, const struct geometry *b)
 {
     assert_int_equal(a->type, b->type);
@@ -86,6 +126,7 @@ static inline void payload_compare_geometries(const struct geometry *a, const st
         payload_compare_bytes(a->triangles.indices, b->triangles.indices);
         payload_compare_bytes(a->triangles.transform, b->triangles.transform);
         payload_compare_bytes(a->triangles.end_vertices, b->triangles.end_vertices);
+        payload_compare_attached(&a->triangles.micromap, &b->triangles.micromap);
     } else if (a->type == GEOMETRY_AABBS) {
         assert_int_equal(a->aabbs.stride, b->aabbs.stride);
         payload_compare_bytes(a->aabbs.boxes, b->aabbs.boxes);
@@ -97,6 +138,10 @@ static inline void payload_compare_geometries(const struct geometry *a, const st
         payload_compare_spheres(&a->swept_spheres.ends, &b->swept_spheres.ends);
         assert_int_equal(a->swept_spheres.indexing_mode, b->swept_spheres.indexing_mode);
         assert_int_equal(a->swept_spheres.end_caps_mode, b->swept_spheres.end_caps_mode);
+    } else if (a->type == GEOMETRY_MICROMAP) {
+        payload_compare_micromaps(&a->micromap, &b->micromap);
+    } else if (a->type == GEOMETRY_BAKED_MICROMAP) {
+        payload_compare_bakes(&a->bake, &b->bake);
     }
 }
 

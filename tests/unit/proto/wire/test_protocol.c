@@ -222,6 +222,27 @@ static void tables_are_the_structs(void **state)
     FIELD(geometry_row, radius_stride);
     FIELD(geometry_row, radii);
     FIELD(geometry_row, end_positions);
+    FIELD(geometry_row, has_micromap);
+    FIELD(geometry_row, has_usages);
+    FIELD(geometry_row, micromap_index_type);
+    FIELD(geometry_row, base_triangle);
+    FIELD(geometry_row, micromap);
+    FIELD(geometry_row, micromap_stride);
+    FIELD(geometry_row, usages);
+    FIELD(geometry_row, micromap_indices);
+    FIELD(geometry_row, micromap_triangles);
+    FIELD(geometry_row, alpha_width);
+    FIELD(geometry_row, alpha_height);
+    FIELD(geometry_row, wrap_u);
+    FIELD(geometry_row, wrap_v);
+    FIELD(geometry_row, is_nearest);
+    FIELD(geometry_row, bake_mode);
+    FIELD(geometry_row, micromap_format);
+    FIELD(geometry_row, micromap_level);
+    FIELD(geometry_row, alpha_cutoff);
+    FIELD(geometry_row, vertex_count);
+    FIELD(geometry_row, coordinate_stride);
+    FIELD(geometry_row, coordinates);
     FIELD(reference_row, handle);
     FIELD(reference_row, kind);
     FIELD(reference_row, has_key);
@@ -229,6 +250,7 @@ static void tables_are_the_structs(void **state)
     FIELD(reference_row, bounds);
     FIELD(reference_row, moves);
     FIELD(reference_row, reserved);
+    FIELD(reference_row, slabs);
 }
 
 /*

@@ -4,8 +4,9 @@
 
 #include <math.h>
 
-#include "tests/support/builder/inputs.h"
+#include "tests/support/builder/inputs_micromap.h"
 #include "tests/support/proto/payloads.h"
+#include "proto/wire/row_kind.h"
 
 static void round_trip(const struct build_input *input)
 {
@@ -62,6 +63,21 @@ static void descriptions_come_back(void **state)
     inputs_mixed_triangles(&test);
     round_trip(&test.input);
     inputs_motion_instances(&test);
+    round_trip(&test.input);
+    inputs_micromap(&test);
+    test.geometries[0].micromap.stride = UINT64_MAX;
+    round_trip(&test.input);
+    inputs_baked_micromap(&test);
+    round_trip(&test.input);
+    test.geometries[0].bake.level = BAKE_LEVEL_AUTO;
+    test.geometries[0].bake.row_stride = UINT64_MAX;
+    test.geometries[0].bake.coordinate_stride = UINT64_MAX - 1;
+    round_trip(&test.input);
+    inputs_triangles_with_micromap(&test);
+    round_trip(&test.input);
+    test.geometries[1].triangles.micromap = (struct triangle_micromap){.is_given = 1, .stride = UINT64_MAX};
+    round_trip(&test.input);
+    inputs_motion_triangles_with_micromap(&test);
     round_trip(&test.input);
     inputs_instances(&test);
     test.references[0].bounds.min[0] = -0.0f;
@@ -139,19 +155,31 @@ static void sizes_that_overflow_are_refused(void **state)
     assert_int_equal(size, 4711);
 }
 
-static void (*const describe[])(struct test_input *test) = {
-    inputs_triangles,        inputs_aabbs,           inputs_instances, inputs_spheres, inputs_swept_spheres,
-    inputs_motion_triangles, inputs_motion_instances};
+static void (*const describe[])(struct test_input *test) = {inputs_triangles,
+                                                            inputs_aabbs,
+                                                            inputs_instances,
+                                                            inputs_spheres,
+                                                            inputs_swept_spheres,
+                                                            inputs_motion_triangles,
+                                                            inputs_motion_instances,
+                                                            inputs_micromap,
+                                                            inputs_baked_micromap,
+                                                            inputs_triangles_with_micromap,
+                                                            inputs_motion_triangles_with_micromap};
 
-/* Returns the bytes of padding behind the last array of a payload. */
+/* Returns the bytes of padding behind the last array of a payload. Second geometries share what the first ones have. */
 static uint64_t padding_of(const struct build_input *input)
 {
-    const struct geometry *last = &input->geometries[input->geometry_count - 1];
-    uint64_t size = last->type == GEOMETRY_AABBS              ? last->aabbs.boxes.size
-                    : last->type == GEOMETRY_SPHERES          ? last->spheres.radii.size
-                    : last->type == GEOMETRY_SWEPT_SPHERES    ? last->swept_spheres.ends.radii.size
-                    : last->type == GEOMETRY_MOVING_TRIANGLES ? last->triangles.end_vertices.size
-                                                              : 0;
+    const struct geometry *first = &input->geometries[0];
+    const bool attached = row_kind_size(first) == ROWS_GEOMETRY_ATTACHED;
+    uint64_t size = attached                                   ? first->triangles.micromap.indices.size
+                    : first->type == GEOMETRY_AABBS            ? first->aabbs.boxes.size
+                    : first->type == GEOMETRY_SPHERES          ? first->spheres.radii.size
+                    : first->type == GEOMETRY_SWEPT_SPHERES    ? first->swept_spheres.ends.radii.size
+                    : first->type == GEOMETRY_MOVING_TRIANGLES ? first->triangles.end_vertices.size
+                    : first->type == GEOMETRY_MICROMAP         ? first->micromap.triangles.size
+                    : first->type == GEOMETRY_BAKED_MICROMAP   ? first->bake.coordinates.size
+                                                               : 0;
     return bytes_align(size, ROWS_ALIGNMENT) - size;
 }
 
@@ -257,6 +285,18 @@ static void spans_outside_are_refused(void **state)
         {inputs_swept_spheres, offsetof(struct geometry_row, data), "infos[5].geometries[0].data"},
         {inputs_swept_spheres, offsetof(struct geometry_row, indices), "infos[5].geometries[0].indices"},
         {inputs_swept_spheres, offsetof(struct geometry_row, radii), "infos[5].geometries[0].radii"},
+        {inputs_triangles_with_micromap, offsetof(struct geometry_row, usages), "infos[5].geometries[0].usages"},
+        {inputs_triangles_with_micromap, offsetof(struct geometry_row, micromap_indices),
+         "infos[5].geometries[0].micromapIndices"},
+        {inputs_motion_triangles_with_micromap, offsetof(struct geometry_row, micromap_indices),
+         "infos[5].geometries[0].micromapIndices"},
+        {inputs_micromap, offsetof(struct geometry_row, data), "infos[5].geometries[0].data"},
+        {inputs_micromap, offsetof(struct geometry_row, usages), "infos[5].geometries[0].usages"},
+        {inputs_micromap, offsetof(struct geometry_row, micromap_triangles),
+         "infos[5].geometries[0].micromapTriangles"},
+        {inputs_baked_micromap, offsetof(struct geometry_row, data), "infos[5].geometries[0].data"},
+        {inputs_baked_micromap, offsetof(struct geometry_row, indices), "infos[5].geometries[0].indices"},
+        {inputs_baked_micromap, offsetof(struct geometry_row, coordinates), "infos[5].geometries[0].coordinates"},
     };
     for (size_t i = 0; i < sizeof spans / sizeof *spans; i++) {
         struct test_input test;

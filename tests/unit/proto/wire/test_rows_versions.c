@@ -2,7 +2,7 @@
 /* test_rows_versions.c - tests rows that are longer or shorter than those with all fields, as other versions have. */
 #include "tests/support/unit.h"
 
-#include "tests/support/builder/inputs.h"
+#include "tests/support/builder/inputs_micromap.h"
 #include "tests/support/proto/payloads.h"
 
 /* Makes the same description with longer rows, as another version would write them. */
@@ -39,7 +39,7 @@ static void longer_rows_are_read_while_the_rest_is_zero(void **state)
     (void)state;
     struct test_input test;
     inputs_instances(&test);
-    static const uint32_t more[] = {0, 1, 16, 37, ROWS_MAX_SIZE - ROWS_REFERENCE_SIZE};
+    static const uint32_t more[] = {0, 1, 16, 37, ROWS_MAX_SIZE - ROWS_GEOMETRY_SIZE};
     for (size_t i = 0; i < sizeof more / sizeof more[0]; i++) {
         struct payload payload = stretch(&test, ROWS_GEOMETRY_SIZE - ROWS_GEOMETRY_LEAST + more[i], more[i]);
         struct build_input input;
@@ -88,6 +88,18 @@ static void rows_are_as_short_as_they_can_be(void **state)
     assert_int_equal(rows_geometry_size(&test.input), 160);
     inputs_motion_instances(&test);
     assert_int_equal(rows_geometry_size(&test.input), 96);
+    inputs_triangles_with_micromap(&test);
+    assert_int_equal(rows_geometry_size(&test.input), 224);
+    test.geometries[0].triangles.micromap.is_given = 0;
+    assert_int_equal(rows_geometry_size(&test.input), 96);
+    test.geometries[1].triangles.micromap.is_given = 1;
+    assert_int_equal(rows_geometry_size(&test.input), 224);
+    inputs_motion_triangles_with_micromap(&test);
+    assert_int_equal(rows_geometry_size(&test.input), 224);
+    inputs_micromap(&test);
+    assert_int_equal(rows_geometry_size(&test.input), 240);
+    inputs_baked_micromap(&test);
+    assert_int_equal(rows_geometry_size(&test.input), 304);
     test.geometries[0].type = 4711;
     test.input.geometry_count = 1;
     assert_int_equal(rows_geometry_size(&test.input), 96);
@@ -160,6 +172,64 @@ static void shorter_rows_lack_their_end(void **state)
     }
 }
 
+/*
+ * Rows that end before or within the fields of a micromap: triangles have one only if the row says so, and then what is
+ * missing is 0.
+ */
+static void shorter_rows_lack_what_is_missing_of_a_micromap(void **state)
+{
+    (void)state;
+    struct test_input test;
+    inputs_triangles_with_micromap(&test);
+    test.input.geometry_count = 1;
+    struct payload payload = payload_write(&test.input);
+    for (uint32_t size = ROWS_GEOMETRY_LEAST; size <= ROWS_GEOMETRY_ATTACHED; size += 16) {
+        const struct payload cut = {payload.bytes, payload.size, {1, size, 0, 0, NULL}};
+        struct build_input input = {0};
+        struct geometry want = test.geometries[0];
+        struct triangle_micromap *micromap = &want.triangles.micromap;
+        if (size <= offsetof(struct geometry_row, has_micromap))
+            memset(micromap, 0, sizeof *micromap);
+        if (size <= offsetof(struct geometry_row, micromap))
+            micromap->micromap = micromap->stride = 0;
+        if (size <= offsetof(struct geometry_row, usages))
+            micromap->usages = (struct bytes){NULL, 0};
+        if (size <= offsetof(struct geometry_row, micromap_indices))
+            micromap->indices = (struct bytes){NULL, 0};
+        assert_int_equal(payload_read(&cut, &input, NULL), BVHD_OK);
+        payload_compare_geometries(&want, &input.geometries[0]);
+        rows_finish(&input, &payload_memory);
+    }
+    free(payload.bytes);
+}
+
+/* Triangles without a micromap have nothing of one, whatever their rows say. */
+static void micromaps_that_are_not_given_are_ignored(void **state)
+{
+    (void)state;
+    struct test_input test;
+    inputs_triangles_with_micromap(&test);
+    struct payload payload = payload_write(&test.input);
+    struct geometry_row row;
+    memcpy(&row, payload.bytes, ROWS_GEOMETRY_ATTACHED);
+    row.has_micromap = 0;
+    row.has_usages = 4711;
+    row.usages = row.micromap_indices = (struct row_span){UINT64_MAX, UINT64_MAX};
+    memcpy(payload.bytes, &row, ROWS_GEOMETRY_ATTACHED);
+    test.geometries[0].triangles.micromap = (struct triangle_micromap){.is_given = 0};
+    struct build_input input = {0};
+    assert_int_equal(payload_read(&payload, &input, NULL), BVHD_OK);
+    payload_compare_geometries(&test.geometries[0], &input.geometries[0]);
+    rows_finish(&input, &payload_memory);
+    row.has_micromap = 2;
+    memcpy(payload.bytes, &row, ROWS_GEOMETRY_ATTACHED);
+    payload_refuse(&payload, BVHD_CORRUPT, "infos[5].geometries[0]");
+    row.has_micromap = 1;
+    memcpy(payload.bytes, &row, ROWS_GEOMETRY_ATTACHED);
+    payload_refuse(&payload, BVHD_CORRUPT, "infos[5].geometries[0]");
+    free(payload.bytes);
+}
+
 static void reserved_fields_are_refused(void **state)
 {
     (void)state;
@@ -173,7 +243,7 @@ static void reserved_fields_are_refused(void **state)
     struct test_input spheres;
     inputs_spheres(&spheres);
     struct payload round = payload_write(&spheres.input);
-    unsigned char *reserved_round = round.bytes + ROWS_GEOMETRY_SIZE + offsetof(struct geometry_row, reserved_round);
+    unsigned char *reserved_round = round.bytes + ROWS_GEOMETRY_ROUND + offsetof(struct geometry_row, reserved_round);
     *reserved_round = 1;
     payload_refuse(&round, BVHD_UNSUPPORTED, "infos[5].geometries[1]");
     *reserved_round = 0;
@@ -198,6 +268,8 @@ int main(void)
         cmocka_unit_test(short_rows_of_spheres_lack_radii),
         cmocka_unit_test(short_rows_of_motion_triangles_lack_their_end),
         cmocka_unit_test(shorter_rows_lack_their_end),
+        cmocka_unit_test(shorter_rows_lack_what_is_missing_of_a_micromap),
+        cmocka_unit_test(micromaps_that_are_not_given_are_ignored),
         cmocka_unit_test(reserved_fields_are_refused),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -37,6 +37,7 @@ static const char *const fields[] = {
     "Welcome.max_held 9 uint64",
     "Welcome.builders 10 uint32",
     "Welcome.updates 11 uint32",
+    "Welcome.micromaps 12 uint32",
     "Pool.size 1 uint64",
     "Build.priority 1 sint32",
     "Build.memfd_sizes 2 repeated fixed64",
