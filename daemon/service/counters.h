@@ -22,7 +22,7 @@
     X(request_errors) /* requests answered by ERROR because of what they say */                                        \
     X(protocol_errors) /* connections that ended because the client broke the protocol */                              \
     X(cancelled) /* items that were cancelled, or whose client left before their result */                             \
-    X(prepares_started) /* a prepare that begins again with a larger promise counts again */                           \
+    X(prepares_started) /* a prepare that begins again, with a larger promise or its micromaps, counts again */        \
     X(prepares_done)                                                                                                   \
     X(prepares_failed)                                                                                                 \
     X(builds_started)                                                                                                  \

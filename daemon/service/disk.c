@@ -110,6 +110,8 @@ struct reading {
     struct ready_memfds *ready;
     struct blob_writer writer;
     struct summary summary;
+    uint64_t room; /* the most bytes that are read */
+    uint64_t size; /* of the result */
 };
 
 static struct reading *reading_of(struct store_sink *sink)
@@ -125,6 +127,9 @@ static enum bvhd_status begin(struct store_sink *sink, const struct store_entry 
     enum bvhd_status status = summary_read(entry->summary, &reading->summary, error);
     if (status == BVHD_OK && entry->size == 0)
         status = bvhd_error_set(error, BVHD_CORRUPT, "size", "an empty result");
+    reading->size = entry->size;
+    if (status == BVHD_OK && entry->size > reading->room)
+        status = bvhd_error_set(error, BVHD_TOO_LARGE, "size", "there is no room for the result");
     return status == BVHD_OK ? blob_writer_begin(&reading->writer, entry->size, reading->ready, error) : status;
 }
 
@@ -156,14 +161,15 @@ static enum bvhd_status finish(struct reading *reading, const struct key *key, s
 }
 
 static enum bvhd_status read_entry(struct disk *disk, const struct key *key, const struct parallel *parallel,
-                                   const atomic_bool *cancel, struct blob **ret_blob, struct bvhd_error *error)
+                                   struct reading *reading, struct blob **ret_blob, struct bvhd_error *error)
 {
-    struct reading reading = {.sink = {begin, room, append}, .cancel = cancel, .ready = disk->ready};
-    blob_writer_init(&reading.writer, disk->account);
-    enum bvhd_status status = store_get(disk->store, key, parallel, &reading.sink, error);
+    reading->sink = (struct store_sink){begin, room, append};
+    reading->ready = disk->ready;
+    blob_writer_init(&reading->writer, disk->account);
+    enum bvhd_status status = store_get(disk->store, key, parallel, &reading->sink, error);
     if (status == BVHD_OK)
-        return finish(&reading, key, ret_blob, error);
-    blob_writer_discard(&reading.writer);
+        return finish(reading, key, ret_blob, error);
+    blob_writer_discard(&reading->writer);
     return status;
 }
 
@@ -174,17 +180,34 @@ static enum bvhd_status end_reading(struct disk *disk, enum bvhd_status status)
     return status;
 }
 
-enum bvhd_status disk_read(struct disk *disk, const struct key *key, const struct parallel *parallel,
-                           const atomic_bool *cancel, struct blob **ret_blob, struct bvhd_error *error)
+static enum bvhd_status read_result(struct disk *disk, const struct key *key, const struct parallel *parallel,
+                                    struct reading *reading, struct blob **ret_blob, struct bvhd_error *error)
 {
     enum bvhd_status status = BVHD_BUSY;
     if (take_descriptors(disk->account, error)) {
         ready_memfds_enter(disk->ready);
-        status = read_entry(disk, key, parallel, cancel, ret_blob, error);
+        status = read_entry(disk, key, parallel, reading, ret_blob, error);
         ready_memfds_leave(disk->ready);
         give_descriptors(disk->account);
     }
     return end_reading(disk, status);
+}
+
+enum bvhd_status disk_read(struct disk *disk, const struct key *key, const struct parallel *parallel,
+                           const atomic_bool *cancel, struct blob **ret_blob, struct bvhd_error *error)
+{
+    struct reading reading = {.cancel = cancel, .room = UINT64_MAX};
+    return read_result(disk, key, parallel, &reading, ret_blob, error);
+}
+
+enum bvhd_status disk_read_within(struct disk *disk, const struct key *key, const atomic_bool *cancel,
+                                  struct disk_result *result, struct bvhd_error *error)
+{
+    struct reading reading = {.cancel = cancel, .room = result->room};
+    result->blob = NULL;
+    enum bvhd_status status = read_result(disk, key, &parallel_serial, &reading, &result->blob, error);
+    result->size = reading.size;
+    return status;
 }
 
 void disk_rest(struct disk *disk)

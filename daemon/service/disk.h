@@ -48,6 +48,17 @@ void disk_close(struct disk *disk);
 enum bvhd_status disk_read(struct disk *disk, const struct key *key, const struct parallel *parallel,
                            const atomic_bool *cancel, struct blob **ret_blob, struct bvhd_error *error);
 
+/* A result that is read if it is not too large. */
+struct disk_result {
+    uint64_t room; /* bytes; a larger one is not read */
+    struct blob *blob; /* out, if it was read: one ref; else NULL */
+    uint64_t size; /* out, with BVHD_OK and with BVHD_TOO_LARGE: bytes of the result */
+};
+
+/* Reads the result of a key as disk_read does. BVHD_TOO_LARGE: it has more bytes than there is room for. */
+enum bvhd_status disk_read_within(struct disk *disk, const struct key *key, const atomic_bool *cancel,
+                                  struct disk_result *result, struct bvhd_error *error);
+
 /*
  * Prepares memory for the next results that are read, which takes a while, on a thread. To be called when those that
  * were read have been sent.

@@ -5,6 +5,7 @@
 
 #include "proto/base/kind.h"
 #include "proto/base/place.h"
+#include "builder/format/micro_triangle.h"
 #include "builder/input/input_kind.h"
 #include "builder/input/prepare.h"
 #include "builder/input/validate.h"
@@ -49,12 +50,56 @@ static uint64_t scratch_bytes(const struct geometry *geometry)
     return kind->beside ? kind->beside(geometry) : 0;
 }
 
+/* Returns what the micromap of a geometry's triangles takes in the copy: an index each. */
+static uint64_t attached_bytes(const struct geometry *geometry)
+{
+    const bool has_micromap =
+        kind_find(geometry->type)->vulkan_type == GEOMETRY_TRIANGLES && geometry->triangles.micromap.is_given;
+    return has_micromap ? product(geometry->range.primitive_count, sizeof(uint32_t)) : 0;
+}
+
+/* Returns the bytes of the states of triangles of this usage, which may be invalid, if at most `most` are different. */
+static uint64_t usage_bytes(const struct micromap_usage *usage, uint64_t most)
+{
+    const unsigned level = usage->level < MICRO_LEVEL_MAX ? usage->level : MICRO_LEVEL_MAX;
+    const enum micro_format format = usage->format == MICRO_2_STATE ? MICRO_2_STATE : MICRO_4_STATE;
+    return product(least(usage->count, most), micro_triangle_bytes(format, level));
+}
+
+/*
+ * Returns the bytes of the states of a micromap when they have been gathered. States of different triangles may overlap
+ * in the request, where as many triangles as there are bytes can begin at different ones. The numbers may change before
+ * they are read again, which prepare_input is ready for.
+ */
+static uint64_t gathered_bytes(const struct geometry_micromap *micromap)
+{
+    const uint64_t row = sizeof(struct micromap_usage);
+    uint64_t gathered = 0;
+    for (uint64_t i = 0; i < micromap->usages.size / row; i++) {
+        struct micromap_usage usage;
+        memcpy(&usage, micromap->usages.data + i * row, sizeof usage);
+        gathered = sum(gathered, usage_bytes(&usage, micromap->states.size));
+    }
+    return gathered;
+}
+
+/* Returns what that takes beyond the bytes that the request has for states: a block that grows, and the copy. */
+static uint64_t overlapping_bytes(const struct geometry *geometry)
+{
+    enum { COPIES = 4 };
+    if (geometry->type != GEOMETRY_MICROMAP)
+        return 0;
+    const uint64_t gathered = gathered_bytes(&geometry->micromap), given = geometry->micromap.states.size;
+    return gathered > given ? product(gathered - given, COPIES) : 0;
+}
+
 static uint64_t geometry_bound(const struct geometry *geometry)
 {
     const struct kind *kind = kind_find(geometry->type);
     uint64_t count = geometry->range.primitive_count;
     uint64_t arrays = sum(product(count, kind->primitive_bytes), geometry_vertex_bytes(geometry));
-    arrays = sum(arrays, scratch_bytes(geometry));
+    arrays = sum(arrays, sum(scratch_bytes(geometry), attached_bytes(geometry)));
+    arrays = sum(arrays, overlapping_bytes(geometry));
     return kind->is_top ? sum(arrays, product(count, INSTANCE_BYTES)) : arrays;
 }
 
@@ -135,6 +180,28 @@ uint64_t preparation_build_bytes(uint64_t primitives, uint64_t vertex_bytes, boo
     return sum(sum(product(primitives, each), vertex_bytes), FIXED);
 }
 
+/*
+ * The states of a bake may be those of the highest level, and lie in memory twice when they are written; offsets reach
+ * 4 GiB of them. Beside them it has tables of texels and of triangles.
+ */
+static uint64_t bake_bytes(const struct geometry *geometry)
+{
+    enum { EACH = 160, TEXEL = 2 };
+    const struct geometry_bake *bake = &geometry->bake;
+    const struct micromap_usage usage = {geometry->range.primitive_count, bake->level, bake->format};
+    const uint64_t states = least(usage_bytes(&usage, UINT64_MAX), UINT64_C(1) << 32);
+    return sum(product(states, 2), sum(product(usage.count, EACH), product(TEXEL, product(bake->width, bake->height))));
+}
+
+/* A micromap is written as it was gathered. */
+static uint64_t micromap_bytes(const struct geometry *geometry)
+{
+    if (geometry->type == GEOMETRY_BAKED_MICROMAP)
+        return sum(bake_bytes(geometry), FIXED_BYTES);
+    const uint64_t triangles = product(geometry->range.primitive_count, sizeof(struct micromap_triangle));
+    return sum(sum(triangles, gathered_bytes(&geometry->micromap)), FIXED_BYTES);
+}
+
 /* A refit has a box for each node of its source, which takes more bytes itself. */
 static uint64_t update_bytes(const struct update_source *source)
 {
@@ -167,6 +234,8 @@ static uint64_t entry_bytes(const struct build_entry *entry)
 uint64_t preparation_make_bytes(const struct preparation *preparation)
 {
     const struct build_entry *entry = &preparation->entry;
+    if (entry->canonical.type == STRUCTURE_MICROMAP)
+        return preparation->needed_build;
     return entry->is_update ? update_bytes(&preparation->updated) : entry_bytes(entry);
 }
 
@@ -176,6 +245,8 @@ static uint64_t build_bound(const struct build_input *input)
     enum build_quality quality = input->options.quality;
     uint64_t primitives = 0, vertices = 0;
     struct kinds kinds = {0};
+    if (input->type == STRUCTURE_MICROMAP)
+        return micromap_bytes(&input->geometries[0]);
     for (uint32_t i = 0; i < input->geometry_count; i++) {
         const struct geometry *geometry = &input->geometries[i];
         primitives = sum(primitives, geometry->range.primitive_count);
@@ -198,6 +269,7 @@ struct preparation *preparation_create(const struct control_item *item, uint32_t
     *preparation =
         (struct preparation){.asked = *item, .index = index, .updated = {.blob = taken.updated}, .within = memory};
     preparation->updated.record.memory = &preparation->memory;
+    preparation->micromaps.memory = memory;
     taken.updated = NULL;
     preparation->source = taken;
     memory_init_within(&preparation->memory, memory, UINT64_MAX);
@@ -224,6 +296,7 @@ void preparation_destroy(struct preparation *preparation)
         return;
     preparation_drop_source(&preparation->source);
     update_source_finish(&preparation->updated);
+    micromap_sources_finish(&preparation->micromaps);
     build_entry_finish(&preparation->entry, &preparation->memory);
     memory_free(preparation->within, preparation);
 }
@@ -289,6 +362,56 @@ static enum bvhd_status find_record(struct preparation *preparation, const struc
     return status;
 }
 
+/* A micromap's bytes, and what is made of them while indices are checked, which is no more. */
+enum { MICROMAP_COPIES = 2 };
+
+/*
+ * Lists the micromaps that the input names if that has not been done yet; else reads those that are not in memory, and
+ * adds to *bound what all of them take. The rows may have changed since they were listed: what they name in addition
+ * is missing then.
+ */
+static enum bvhd_status find_micromaps(struct preparation *preparation, const struct build_input *input,
+                                       const atomic_bool *cancel, uint64_t *bound)
+{
+    struct micromap_sources *micromaps = &preparation->micromaps;
+    uint64_t size = 0;
+    if (!micromap_sources_are_named(input))
+        return BVHD_OK;
+    if (!micromaps->rows) {
+        enum bvhd_status status = micromap_sources_list(micromaps, input, preparation->index, &preparation->error);
+        preparation->names_micromaps = status == BVHD_OK;
+        return status;
+    }
+    const uint64_t room = preparation->promised > *bound ? (preparation->promised - *bound) / MICROMAP_COPIES : 0;
+    enum bvhd_status status = micromap_sources_read(micromaps, room, cancel, &size, &preparation->error);
+    if (status == BVHD_OK)
+        *bound = sum(*bound, product(size, MICROMAP_COPIES));
+    return status;
+}
+
+/* No copy has more bytes than were promised for it, whatever has been written to the payload meanwhile. */
+static struct limits limits_of(const struct preparation *preparation)
+{
+    struct limits limits = *preparation->limits;
+    limits.max_canonical_bytes = least(limits.max_canonical_bytes, preparation->promised);
+    return limits;
+}
+
+static enum bvhd_status prepare_with_micromaps(struct preparation *preparation, const struct build_input *input,
+                                               const struct build_entry_source *source,
+                                               const struct build_context *context)
+{
+    const struct limits limits = limits_of(preparation);
+    struct reference *references = (struct reference *)(uintptr_t)input->references; /* from rows_read */
+    enum bvhd_status status = micromap_sources_open(&preparation->micromaps, input, references, &preparation->error);
+    if (status != BVHD_OK)
+        return status;
+    status = build_entry_prepare(input, preparation->index, &limits, source, context, &preparation->entry,
+                                 &preparation->error);
+    micromap_sources_close(&preparation->micromaps);
+    return status;
+}
+
 static enum bvhd_status prepare_input(struct preparation *preparation, const struct build_input *input, uint64_t bound,
                                       const struct build_context *context)
 {
@@ -297,8 +420,7 @@ static enum bvhd_status prepare_input(struct preparation *preparation, const str
     if (status == BVHD_OK)
         status = check_references(preparation, input);
     if (status == BVHD_OK)
-        status = build_entry_prepare(input, preparation->index, preparation->limits, &source, context,
-                                     &preparation->entry, &preparation->error);
+        status = prepare_with_micromaps(preparation, input, &source, context);
     memory_explain(&preparation->memory, &preparation->error);
     return status;
 }
@@ -315,6 +437,29 @@ static bool exceeds_promise(const struct preparation *preparation, uint64_t byte
            (preparation->class == ADMISSION_LARGE && build > preparation->promised_build);
 }
 
+/* Finds what the input starts from and what it names, and bounds what it takes to prepare it. */
+static enum bvhd_status find_sources(struct preparation *preparation, const struct build_input *input,
+                                     const atomic_bool *cancel, uint64_t *ret_bound)
+{
+    enum bvhd_status status = BVHD_OK;
+    if (input->mode == MODE_UPDATE)
+        status = update_source_find(&preparation->updated, &input->source_key, preparation->index, cancel,
+                                    &preparation->error);
+    *ret_bound = preparation_bound(input);
+    return status == BVHD_OK ? find_micromaps(preparation, input, cancel, ret_bound) : status;
+}
+
+/* Prepares the input if enough memory has been promised, else says how much is needed. */
+static enum bvhd_status prepare_within_promise(struct preparation *preparation, const struct build_input *input,
+                                               uint64_t bound, const struct build_context *context)
+{
+    preparation->needed_build = make_bound(preparation, input);
+    if (!exceeds_promise(preparation, bound, preparation->needed_build))
+        return prepare_input(preparation, input, bound, context);
+    preparation->needed = bound > preparation->promised ? bound : preparation->promised;
+    return BVHD_OK;
+}
+
 static enum bvhd_status run(struct preparation *preparation, const struct build_context *context)
 {
     const struct control_item *asked = &preparation->asked;
@@ -327,18 +472,13 @@ static enum bvhd_status run(struct preparation *preparation, const struct build_
         status = rows_read(bytes, &shape, preparation->index, context->memory, &input, &preparation->error);
     if (status != BVHD_OK)
         return status;
+    uint64_t bound;
     status =
         validate_input_until(&input, preparation->index, preparation->limits, context->cancel, &preparation->error);
-    if (status == BVHD_OK && input.mode == MODE_UPDATE)
-        status = update_source_find(&preparation->updated, &input.source_key, preparation->index, context->cancel,
-                                    &preparation->error);
-    uint64_t bound = status == BVHD_OK ? preparation_bound(&input) : 0;
-    uint64_t build = status == BVHD_OK ? make_bound(preparation, &input) : 0;
-    preparation->needed_build = build;
-    if (exceeds_promise(preparation, bound, build))
-        preparation->needed = bound > preparation->promised ? bound : preparation->promised;
-    else if (status == BVHD_OK)
-        status = prepare_input(preparation, &input, bound, context);
+    if (status == BVHD_OK)
+        status = find_sources(preparation, &input, context->cancel, &bound);
+    if (status == BVHD_OK && !preparation->names_micromaps)
+        status = prepare_within_promise(preparation, &input, bound, context);
     rows_finish(&input, context->memory);
     return status;
 }
@@ -346,8 +486,9 @@ static enum bvhd_status run(struct preparation *preparation, const struct build_
 void preparation_run(struct preparation *preparation, const struct parallel *parallel, const atomic_bool *cancel)
 {
     struct build_context context = {.memory = &preparation->memory, .parallel = parallel, .cancel = cancel};
-    preparation->needed = 0;
+    preparation->needed = preparation->needed_build = 0;
+    preparation->names_micromaps = false;
     preparation->status = run(preparation, &context);
-    if (preparation->needed == 0)
+    if (preparation->needed == 0 && !preparation->names_micromaps)
         preparation_drop_source(&preparation->source);
 }

@@ -5,13 +5,15 @@
  *
  * How much memory that takes is not known before the rows are read, because one byte of payload may stand for any
  * number of boxes. So a preparation starts with a promise that suits an ordinary payload. If the rows need more, it
- * stops, says how much, and is run again once it has been promised that.
+ * stops, says how much, and is run again once it has been promised that. It also stops, once, for the loop to look up
+ * the opacity micromaps that the rows name (micromap_source.h).
  */
 #ifndef BVHD_PREPARATION_H
 #define BVHD_PREPARATION_H
 
 #include "daemon/service/admission.h"
 #include "daemon/service/attachment.h"
+#include "daemon/service/micromap_source.h"
 #include "builder/update/build_entry.h"
 #include "daemon/service/update_source.h"
 #include "proto/wire/control.h"
@@ -41,6 +43,7 @@ struct preparation {
     struct preparation_batch batch;
     const struct limits *limits;
     struct update_source updated; /* of an update; the caller sets its disk. What is missing is found by the worker */
+    struct micromap_sources micromaps; /* that its triangles name; the caller sets their disk */
     uint64_t promised; /* bytes */
     uint64_t promised_build; /* bytes for the build that follows; only large preparations need that promise */
     enum admission_class class; /* of the promise */
@@ -49,6 +52,8 @@ struct preparation {
     struct bvhd_error error;
     /* 0, or bytes of which more than was promised are needed, here or for the build: then nothing else was done */
     uint64_t needed, needed_build;
+    /* The micromaps have been listed, and nothing else was done: it is to be run again when they have been looked up. */
+    bool names_micromaps;
     struct build_entry entry; /* from `memory` */
     struct memory memory; /* counts what the preparation holds */
     struct memory *within; /* the account that the struct itself is from */
@@ -80,7 +85,7 @@ struct preparation *preparation_create(const struct control_item *item, uint32_t
 /* Sets the account that the copy will count in. The preparation must not hold anything yet. */
 void preparation_account(struct preparation *preparation, struct memory *memory);
 
-/* Runs on a worker, and fills the fields under "out". Drops the source unless more memory is needed. */
+/* Runs on a worker, and fills the fields under "out". Drops the source unless it is to be run again. */
 void preparation_run(struct preparation *preparation, const struct parallel *parallel, const atomic_bool *cancel);
 
 /* Frees everything, which takes milliseconds for a large copy. For any thread. NULL-safe. */

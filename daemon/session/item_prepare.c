@@ -29,11 +29,12 @@ static void wait_for_memory(struct item *item)
 
 /* ---- the end of a prepare ---- */
 
-/* The rows claim more memory than was promised, so the item queues again. */
+/* The rows claim more memory than was promised, so the item queues again. Meanwhile it holds no micromaps. */
 static void claim_more(struct item *item)
 {
     struct preparation *preparation = item->preparation;
     struct bvhd_error error;
+    micromap_sources_keep(&preparation->micromaps, item_service(item)->cache);
     admission_end(&item_service(item)->admission.prepares[preparation->class], preparation->promised);
     admission_expect_end(&item_service(item)->admission, preparation->class, preparation->promised_build);
     item->memory.claim.bytes = preparation->needed;
@@ -80,6 +81,7 @@ static void finish_preparing(struct item *item)
     trim_promise(item);
     if (preparation->updated.is_read)
         cache_put(service->cache, preparation->updated.blob);
+    micromap_sources_keep(&preparation->micromaps, service->cache);
     service->counters.prepares_done += preparation->status == BVHD_OK;
     service->counters.prepares_failed += preparation->status != BVHD_OK;
     if (preparation->status == BVHD_OK) {
@@ -102,6 +104,8 @@ static void prepare_run(struct pool_job *job, const struct parallel *parallel)
     preparation_run(item_of_job(job)->preparation, parallel, &job->cancel);
 }
 
+static void submit_prepare(struct item *item);
+
 static void prepare_done(struct pool_job *job)
 {
     struct item *item = item_of_job(job);
@@ -112,6 +116,8 @@ static void prepare_done(struct pool_job *job)
     }
     if (item->state == ITEM_LEAVING)
         leave_worker(item);
+    else if (item->preparation->names_micromaps)
+        submit_prepare(item);
     else if (item->preparation->needed > 0)
         claim_more(item);
     else
@@ -135,6 +141,7 @@ static bool make_preparation(struct item *item)
     item->preparation->batch = (struct preparation_batch){request->destinations, request->destination_count};
     item->preparation->limits = &service->options.limits;
     item->preparation->updated.disk = service->disk;
+    item->preparation->micromaps.disk = service->disk;
     return true;
 }
 
@@ -149,6 +156,7 @@ static void fail_to_start(struct item *item)
     request_settle(request);
 }
 
+/* The micromaps that it names, if they have been listed, are held while the worker has it. */
 static void submit_prepare(struct item *item)
 {
     enum { BYTES_PER_PRIMITIVE = 384 }; /* that are prepared in the time that it takes to build one primitive */
@@ -160,6 +168,7 @@ static void submit_prepare(struct item *item)
         .size = item->memory.claim.bytes / BYTES_PER_PRIMITIVE,
         .priority = 2 * item->request->priority,
     };
+    micromap_sources_look_up(&item->preparation->micromaps, service->cache);
     service->counters.prepares_started++;
     pool_submit(service->pool, &item->job);
 }

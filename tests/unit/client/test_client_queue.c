@@ -321,8 +321,8 @@ static void test_strange_limits(void **state)
     static const struct control_welcome welcomes[] = {
         {.version = 1},
         {1, "all the most", UINT32_MAX, UINT32_MAX, UINT32_MAX, UINT32_MAX, UINT64_MAX, UINT64_MAX, UINT64_MAX,
-         UINT32_MAX, true},
-        {1, "all the least", 1, 1, 1, 1, 1, UINT64_MAX, 1, 1, false},
+         UINT32_MAX, true, true},
+        {1, "all the least", 1, 1, 1, 1, 1, UINT64_MAX, 1, 1, false, false},
     };
     for (size_t i = 0; i < sizeof welcomes / sizeof welcomes[0]; i++) {
         struct client_bed bed;
