@@ -52,7 +52,7 @@ struct preparation {
     struct bvhd_error error;
     /* 0, or bytes of which more than was promised are needed, here or for the build: then nothing else was done */
     uint64_t needed, needed_build;
-    /* The micromaps have been listed, and nothing else was done: it is to be run again when they have been looked up. */
+    /* Micromaps have been listed, and nothing else was done: it is to be run again when they have been looked up. */
     bool names_micromaps;
     struct build_entry entry; /* from `memory` */
     struct memory memory; /* counts what the preparation holds */
