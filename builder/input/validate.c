@@ -18,6 +18,8 @@ static enum bvhd_status check_mode(const struct build_input *input, uint32_t ind
         return BVHD_OK;
     if (input->mode != MODE_UPDATE)
         return bvhd_error_rule(error, BVHD_VUID_04628, where.text, "mode is %u, neither BUILD nor UPDATE", input->mode);
+    if (input->type == STRUCTURE_MICROMAP)
+        return bvhd_error_set(error, BVHD_INVALID, where.text, "an opacity micromap is built, and never updated");
     if (!input->source)
         return bvhd_error_rule(error, BVHD_VUID_04630, place("infos[%u].srcAccelerationStructure", index).text,
                                "srcAccelerationStructure is NULL, but the mode is UPDATE");
@@ -77,8 +79,12 @@ enum bvhd_status validate_refuse_memory(const struct validate_subject *subject, 
 
 static enum bvhd_status check_data(const struct validate_subject *subject)
 {
+    const struct input_kind *kind = input_kind_of(subject->geometry->type);
     enum bvhd_status status = kind_find(subject->geometry->type)->check_shape(subject);
-    return status == BVHD_OK ? input_kind_of(subject->geometry->type)->check_memory(subject) : status;
+    if (status == BVHD_OK && !kind)
+        return bvhd_error_set(subject->error, BVHD_UNSUPPORTED, VALIDATE_GEOMETRY_PLACE(subject, "geometryType"),
+                              "%s are not built", kind_find(subject->geometry->type)->noun);
+    return status == BVHD_OK ? kind->check_memory(subject) : status;
 }
 
 static enum bvhd_status look_at_cancel(const struct validate_subject *subject, const atomic_bool *cancel)

@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <sys/mman.h>
 
+#include "builder/format/portable_micromap.h"
 #include "proto/base/place.h"
 
 static bool is_micromap(const struct reference *reference)
@@ -131,18 +132,38 @@ static struct bytes bytes_of(const struct micromap_sources *sources, const struc
     return (struct bytes){row->mapped ? row->mapped : row->blob->bytes, row->blob->size};
 }
 
-enum bvhd_status micromap_sources_open(struct micromap_sources *sources, const struct build_input *input,
-                                       struct reference *references, struct bvhd_error *error)
+/* Other structures have other bytes there; prepare() checks all of a micromap. */
+static bool is_other_structure(struct bytes blob)
+{
+    return blob.data && (blob.size < PORTABLE_MICROMAP_BODY + sizeof(struct portable_micromap_header) ||
+                         bytes_get32(blob.data + PORTABLE_MICROMAP_BODY) != PORTABLE_MICROMAP_MAGIC);
+}
+
+static enum bvhd_status open_all(struct micromap_sources *sources, struct reference *references, uint32_t count,
+                                 uint32_t index, struct bvhd_error *error)
 {
     for (uint32_t i = 0; i < sources->count; i++)
-        if (!map(&sources->rows[i])) {
-            micromap_sources_close(sources);
-            return bvhd_error_no_memory(error, "references", "no address space for opacity micromaps");
-        }
-    for (uint32_t i = 0; i < input->reference_count; i++)
-        if (is_micromap(&references[i]))
-            references[i].blob = bytes_of(sources, &references[i].key);
+        if (!map(&sources->rows[i]))
+            return bvhd_error_no_memory(error, place("infos[%u].references", index).text,
+                                        "no address space for opacity micromaps");
+    for (uint32_t i = 0; i < count; i++) {
+        if (!is_micromap(&references[i]))
+            continue;
+        references[i].blob = bytes_of(sources, &references[i].key);
+        if (is_other_structure(references[i].blob))
+            return bvhd_error_set(error, BVHD_INVALID, place("infos[%u].references[%u]", index, i).text,
+                                  "the key is that of a structure which is no opacity micromap");
+    }
     return BVHD_OK;
+}
+
+enum bvhd_status micromap_sources_open(struct micromap_sources *sources, struct reference *references, uint32_t count,
+                                       uint32_t index, struct bvhd_error *error)
+{
+    enum bvhd_status status = open_all(sources, references, count, index, error);
+    if (status != BVHD_OK)
+        micromap_sources_close(sources);
+    return status;
 }
 
 void micromap_sources_close(struct micromap_sources *sources)

@@ -54,11 +54,12 @@ enum bvhd_status micromap_sources_read(struct micromap_sources *sources, uint64_
                                        uint64_t *ret_size, struct bvhd_error *error);
 
 /*
- * Sets the bytes of those references of the input that are micromaps, up to micromap_sources_close; those that are
- * missing, or were not listed, get none. Returns BVHD_NO_MEMORY without address space, and then nothing is open.
+ * Sets the bytes of those references of an input that are micromaps, up to micromap_sources_close; those that are
+ * missing, or were not listed, get none. Returns BVHD_INVALID with the place for the key of another structure, and
+ * BVHD_NO_MEMORY without address space; then nothing is open.
  */
-enum bvhd_status micromap_sources_open(struct micromap_sources *sources, const struct build_input *input,
-                                       struct reference *references, struct bvhd_error *error);
+enum bvhd_status micromap_sources_open(struct micromap_sources *sources, struct reference *references, uint32_t count,
+                                       uint32_t index, struct bvhd_error *error);
 void micromap_sources_close(struct micromap_sources *sources);
 
 /* Puts what has come from disk into the cache, and drops all refs; for the loop thread. The list remains. */

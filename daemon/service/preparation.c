@@ -403,7 +403,8 @@ static enum bvhd_status prepare_with_micromaps(struct preparation *preparation, 
 {
     const struct limits limits = limits_of(preparation);
     struct reference *references = (struct reference *)(uintptr_t)input->references; /* from rows_read */
-    enum bvhd_status status = micromap_sources_open(&preparation->micromaps, input, references, &preparation->error);
+    enum bvhd_status status = micromap_sources_open(&preparation->micromaps, references, input->reference_count,
+                                                    preparation->index, &preparation->error);
     if (status != BVHD_OK)
         return status;
     status = build_entry_prepare(input, preparation->index, &limits, source, context, &preparation->entry,

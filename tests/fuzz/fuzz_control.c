@@ -9,11 +9,12 @@
  */
 #include "tests/fuzz/fuzz.h"
 
-#include "tests/support/builder/inputs.h"
+#include "tests/support/builder/inputs_micromap.h"
 #include "tests/support/proto/messages.h"
 #include "builder/input/prepare.h"
 #include "proto/wire/rows.h"
 #include "builder/input/validate.h"
+#include "proto/base/validate_shape.h"
 
 enum { HEAD = 3, MOST_ITEMS = 8, BUDGET = 64 << 20 };
 
@@ -103,6 +104,7 @@ static const struct messages_kind *kind_of(uint8_t byte)
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
+    validate_micromaps = true;
     if (size < HEAD)
         return 0;
     const struct messages_kind *kind = kind_of(data[0]);
@@ -128,7 +130,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 static size_t build_sample(uint8_t kind, const struct build_input *const *inputs, uint32_t count, uint8_t *ret_bytes)
 {
     static unsigned char payloads[FUZZ_ROOM];
-    struct control_item items[8] = {0};
+    struct control_item items[16] = {0};
     struct control_build build = {.item_count = count, .items = items};
     uint64_t end = 0, size;
     for (uint32_t i = 0; i < count; i++) {
@@ -176,16 +178,25 @@ static uint8_t build_kind(void)
 }
 
 /*
- * Samples are one message of each kind, and 32 builds: four of each kind of geometry, and four of all. Most mutations
- * should be of builds, because most can go wrong there.
+ * Samples are one message of each kind, and 48 builds: four of each kind of geometry, and of triangles with micromaps,
+ * and four of all. Most mutations should be of builds, because most can go wrong there.
  */
 size_t fuzz_sample(uint32_t index, uint8_t *ret_bytes)
 {
-    enum { KINDS = 7 };
+    enum { KINDS = 11 };
     static struct test_input triangles, boxes, instances, spheres, swept_spheres, moving_triangles, moving_instances;
-    static const struct build_input *const all[KINDS] = {
-        &triangles.input,        &boxes.input,           &instances.input, &spheres.input, &swept_spheres.input,
-        &moving_triangles.input, &moving_instances.input};
+    static struct test_input micromap, baked, alpha_triangles, moving_alpha_triangles;
+    static const struct build_input *const all[KINDS] = {&triangles.input,
+                                                         &boxes.input,
+                                                         &instances.input,
+                                                         &spheres.input,
+                                                         &swept_spheres.input,
+                                                         &moving_triangles.input,
+                                                         &moving_instances.input,
+                                                         &micromap.input,
+                                                         &baked.input,
+                                                         &alpha_triangles.input,
+                                                         &moving_alpha_triangles.input};
     inputs_triangles(&triangles);
     inputs_aabbs(&boxes);
     inputs_instances(&instances);
@@ -193,6 +204,10 @@ size_t fuzz_sample(uint32_t index, uint8_t *ret_bytes)
     inputs_swept_spheres(&swept_spheres);
     inputs_mixed_triangles(&moving_triangles);
     inputs_motion_instances(&moving_instances);
+    inputs_micromap(&micromap);
+    inputs_baked_micromap(&baked);
+    inputs_triangles_with_micromap(&alpha_triangles);
+    inputs_motion_triangles_with_micromap(&moving_alpha_triangles);
     if (index < MESSAGES_KINDS)
         return message_sample((uint8_t)index, ret_bytes);
     index -= MESSAGES_KINDS;

@@ -13,7 +13,8 @@
 #include "tests/fuzz/fuzz.h"
 
 #include "daemon/system/log.h"
-#include "tests/support/builder/inputs.h"
+#include "proto/base/validate_shape.h"
+#include "tests/support/builder/inputs_micromap.h"
 #include "tests/support/daemon/session_world.h"
 #include "tests/support/proto/messages.h"
 
@@ -23,7 +24,7 @@ enum flag {
     FLAG_CLIENT = 1, /* the second client sends */
     FLAG_SETTLE = 2, /* before that, everything under way ends */
     FLAG_HOLD = 4, /* the client does not read its replies */
-    FLAG_KEY = 8, /* sources of updates, and the keys of GET, are that of the latest result */
+    FLAG_KEY = 8, /* sources of updates, micromaps of triangles, and the keys of GET, are that of the latest result */
     FLAG_INLINE = 16, /* the payload lies in the frame, too, if there are descriptors */
     FLAG_LATE = 32, /* before that, all deadlines pass, and progress is reported */
     FLAG_LEAVE = 64, /* before that, the client leaves, and another one comes */
@@ -132,6 +133,31 @@ static struct bytes with_key(uint8_t type, struct bytes control, const struct ke
     return packed;
 }
 
+/* Gives the references of an item that are micromaps that key, where its payload has them. */
+static void name_micromaps(const struct control_item *item, unsigned char *payload, uint64_t size,
+                           const struct key *key)
+{
+    const uint64_t first = item->payload_offset + (uint64_t)item->geometry_count * item->geometry_size;
+    for (uint32_t i = 0; i < item->reference_count; i++) {
+        const uint64_t at = first + (uint64_t)i * item->reference_size;
+        if (at < first || at > size || size - at < ROWS_REFERENCE_LEAST)
+            return;
+        if (bytes_get32(payload + at + offsetof(struct reference_row, kind)) == REFERENCE_MICROMAP)
+            memcpy(payload + at + offsetof(struct reference_row, key), key->bytes, KEY_SIZE);
+    }
+}
+
+/* The payload is a copy of the step's own. */
+static void name_all_micromaps(const struct step *step, const struct key *key)
+{
+    struct control_build *build;
+    if (step->type != FRAME_BUILD || control_unpack_build(step->control, &memory, &build, NULL) != BVHD_OK)
+        return;
+    for (uint32_t i = 0; i < build->item_count; i++)
+        name_micromaps(&build->items[i], (unsigned char *)(uintptr_t)step->payload.data, step->payload.size, key);
+    memory_free(&memory, build);
+}
+
 /* Returns the client that sends, or NULL when there is no room for another one. The second one is root. */
 static struct world_client *client_of(uint8_t flags)
 {
@@ -188,8 +214,10 @@ static void take_step(const struct step *step)
         return;
     if (step->flags & FLAG_LATE)
         pass_time(client);
-    if (step->flags & FLAG_KEY && find_key(&key))
+    if (step->flags & FLAG_KEY && find_key(&key)) {
         packed = with_key(step->type, step->control, &key);
+        name_all_micromaps(step, &key);
+    }
     send(client, step, packed.data ? packed : step->control);
     messages_free(packed, &memory);
     world_iterate(&world);
@@ -219,6 +247,7 @@ static size_t read_step(const uint8_t *data, size_t size, struct step *ret_step)
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
     const struct service_options options = small_options();
+    validate_micromaps = true;
     memset(clients, 0, sizeof clients);
     log_set_level(LOG_ERROR);
     world_init(&world, &options);
@@ -283,13 +312,13 @@ struct way {
 static void add_build(struct program *program, const struct way *way, struct build_input *const *inputs, uint32_t count)
 {
     static unsigned char payload[FUZZ_ROOM];
-    struct control_item items[8];
+    struct control_item items[16];
     struct control_build build = {.item_count = count, .items = items, .deadline_ms = 60000};
     struct step step = {.type = FRAME_BUILD, .flags = way->flags, .request = way->request};
     uint64_t end = 0, size;
     for (uint32_t i = 0; i < count; i++) {
         struct build_input input = *inputs[i];
-        input.flags = BUILD_ALLOW_UPDATE;
+        input.flags = input.type == STRUCTURE_MICROMAP ? 0 : BUILD_ALLOW_UPDATE;
         input.mode = way->is_update ? MODE_UPDATE : MODE_BUILD;
         input.source = way->is_update;
         input.options.target = way->target;
@@ -357,6 +386,19 @@ static void add_questions(struct program *program, uint8_t flags)
     add_plain(program, FRAME_PING, flags, 78);
 }
 
+/* Builds a micromap, and then triangles that name it by its key. */
+static void add_micromap(struct program *program, enum control_source source, enum target target)
+{
+    static struct test_input micromap, triangles;
+    struct build_input *inputs[] = {&micromap.input, &triangles.input};
+    inputs_micromap(&micromap);
+    inputs_triangles_with_micromap(&triangles);
+    struct way way = {.source = source, .request = 11, .target = target};
+    add_build(program, &way, &inputs[0], 1);
+    way = (struct way){.source = source, .flags = FLAG_SETTLE | FLAG_KEY, .request = 12, .target = target};
+    add_build(program, &way, &inputs[1], 1);
+}
+
 /*
  * Each sample builds one kind of structure in one way, updates it, asks for it by its key, and has a second client that
  * asks for the same, cancels, and leaves its replies unread.
@@ -364,11 +406,12 @@ static void add_questions(struct program *program, uint8_t flags)
 size_t fuzz_sample(uint32_t index, uint8_t *ret_bytes)
 {
     static const enum control_source sources[] = {SOURCE_INLINE, SOURCE_MEMFD, SOURCE_POOL};
-    enum { KINDS = 7, WAYS = 3 * KINDS };
+    enum { KINDS = 9, WAYS = 3 * KINDS };
     static struct test_input triangles, boxes, instances, spheres, swept_spheres, moving_triangles, moving_instances;
-    struct build_input *inputs[KINDS] = {&triangles.input,       &boxes.input,         &instances.input,
-                                         &spheres.input,         &swept_spheres.input, &moving_triangles.input,
-                                         &moving_instances.input};
+    static struct test_input micromap, baked;
+    struct build_input *inputs[KINDS] = {&triangles.input,        &boxes.input,         &instances.input,
+                                         &spheres.input,          &swept_spheres.input, &moving_triangles.input,
+                                         &moving_instances.input, &micromap.input,      &baked.input};
     struct program program = {ret_bytes, 0};
     if (index >= 2 * WAYS)
         return 0;
@@ -379,6 +422,8 @@ size_t fuzz_sample(uint32_t index, uint8_t *ret_bytes)
     inputs_swept_spheres(&swept_spheres);
     inputs_mixed_triangles(&moving_triangles);
     inputs_motion_instances(&moving_instances);
+    inputs_micromap(&micromap);
+    inputs_baked_micromap(&baked);
     struct build_input **own = &inputs[index % KINDS];
     struct way way = {
         .source = sources[index / KINDS % 3], .request = 1, .target = index < WAYS ? TARGET_PORTABLE : TARGET_LAVAPIPE};
@@ -393,6 +438,7 @@ size_t fuzz_sample(uint32_t index, uint8_t *ret_bytes)
     add_hello(&program, FLAG_CLIENT);
     way = (struct way){SOURCE_MEMFD, FLAG_CLIENT | FLAG_HOLD, 4, false, way.target};
     add_build(&program, &way, inputs, index % 2 ? KINDS : 2);
+    add_micromap(&program, way.source, way.target);
     add_cancel(&program, FLAG_CLIENT | (index % 2 ? FLAG_HOLD : FLAG_LATE), 4);
     add_questions(&program, FLAG_CLIENT);
     return program.size;

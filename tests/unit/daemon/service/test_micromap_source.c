@@ -7,12 +7,13 @@
 
 #include <unistd.h>
 
+#include "builder/format/portable_micromap.h"
 #include "daemon/service/preparation.h"
 #include "proto/base/validate_shape.h"
 #include "tests/support/builder/inputs_micromap.h"
 #include "tests/support/scratch.h"
 
-enum { SMALL = 1000, LARGE = BLOB_INLINE_MAX + 1, NAMES = 4, INDEX = 3 };
+enum { SMALL = 1000, LARGE = BLOB_INLINE_MAX + 1, NAMES = 4, OTHER = 4, INDEX = 3 };
 
 static struct memory memory, blob_memory;
 static struct descriptors descriptors;
@@ -67,7 +68,7 @@ static int tear_down(void **state)
     return memory.live || blob_memory.live || account.live_blobs ? -1 : 0;
 }
 
-/* Makes the blob of key `name`, whose bytes are all that number. */
+/* Makes the blob of key `name`, whose bytes are all that number; but for OTHER, it says that it is a micromap. */
 static struct blob *make_blob(uint32_t name, uint64_t size)
 {
     struct blob_writer writer;
@@ -77,6 +78,8 @@ static struct blob *make_blob(uint32_t name, uint64_t size)
     unsigned char *bytes = writer.output.allocate(&writer.output, size);
     assert_non_null(bytes);
     memset(bytes, (int)name, size);
+    if (name != OTHER)
+        bytes_put32(bytes + PORTABLE_MICROMAP_BODY, PORTABLE_MICROMAP_MAGIC);
     assert_int_equal(blob_writer_finish(&writer, &blob, &error), BVHD_OK);
     memset(&blob->key, (int)name, sizeof blob->key);
     blob->summary.target = TARGET_PORTABLE;
@@ -186,7 +189,7 @@ static void what_is_there_is_found(void **state)
     micromap_sources_look_up(&sources, cache);
     assert_int_equal(read_all(&sources, UINT64_MAX), SMALL + LARGE + LARGE + 5);
     assert_int_equal(read_all(&sources, UINT64_MAX), SMALL + LARGE + LARGE + 5);
-    assert_int_equal(micromap_sources_open(&sources, &test.input, references, NULL), BVHD_OK);
+    assert_int_equal(micromap_sources_open(&sources, references, NAMES + 1, INDEX, NULL), BVHD_OK);
     expect(1, SMALL);
     expect(2, LARGE);
     expect(3, LARGE + 5);
@@ -209,13 +212,13 @@ static void what_is_there_is_found(void **state)
 static void a_disk_is_not_needed(void **state)
 {
     (void)state;
-    put_in_memory(4, SMALL);
+    put_in_memory(3, SMALL);
     struct micromap_sources sources = list();
     sources.disk = NULL;
     micromap_sources_look_up(&sources, cache);
     assert_int_equal(read_all(&sources, UINT64_MAX), SMALL);
-    assert_int_equal(micromap_sources_open(&sources, &test.input, references, NULL), BVHD_OK);
-    expect(4, SMALL);
+    assert_int_equal(micromap_sources_open(&sources, references, NAMES + 1, INDEX, NULL), BVHD_OK);
+    expect(3, SMALL);
     expect(1, 0);
     micromap_sources_close(&sources);
     micromap_sources_finish(&sources);
@@ -250,6 +253,22 @@ static void no_more_is_read_than_was_promised(void **state)
     }
 }
 
+/* Of the structures of these keys, one is no micromap. */
+static void other_structures_are_refused(void **state)
+{
+    (void)state;
+    struct bvhd_error error;
+    put_in_memory(2, LARGE);
+    put_in_memory(OTHER, SMALL);
+    struct micromap_sources sources = list();
+    micromap_sources_look_up(&sources, cache);
+    assert_int_equal(micromap_sources_open(&sources, references, NAMES + 1, INDEX, &error), BVHD_INVALID);
+    assert_string_equal(error.where, "infos[3].references[0]");
+    for (uint32_t i = 0; i < NAMES; i++)
+        assert_null(sources.rows[i].mapped);
+    micromap_sources_finish(&sources);
+}
+
 static void a_cancelled_reading_ends(void **state)
 {
     (void)state;
@@ -273,6 +292,7 @@ int main(void)
         cmocka_unit_test_setup_teardown(what_is_there_is_found, set_up, tear_down),
         cmocka_unit_test_setup_teardown(a_disk_is_not_needed, set_up, tear_down),
         cmocka_unit_test_setup_teardown(no_more_is_read_than_was_promised, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(other_structures_are_refused, set_up, tear_down),
         cmocka_unit_test_setup_teardown(a_cancelled_reading_ends, set_up, tear_down),
     };
     return cmocka_run_group_tests(tests, scratch_make, scratch_remove);
