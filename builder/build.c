@@ -367,15 +367,6 @@ static bool collapses_at_once(const struct construction *construction)
            construction->tree.piece_count > 1;
 }
 
-/* Returns the SAH cost of the joined tree from that of its nodes. */
-static double sah_of(const struct ir *ir, double cost)
-{
-    double root = 0;
-    for (uint32_t key = 0; key < ir->key_count; key++)
-        root += box_half_area(&ir->boxes[key][0]);
-    return root > 0 ? cost / root : 0;
-}
-
 static enum bvhd_status build_pieces(struct construction *construction)
 {
     const struct build_context *context = construction->context;
@@ -398,7 +389,7 @@ static enum bvhd_status build_pieces(struct construction *construction)
     if (status != BVHD_OK)
         return status;
     free_split(construction);
-    stats->sah = sah_of(&construction->ir, cost);
+    stats->sah = ir_sah_from(&construction->ir, cost);
     return stage_end(construction, &stats->ms.join);
 }
 

@@ -176,14 +176,17 @@ enum bvhd_status ir_check(const struct ir *ir, uint32_t primitive_count, const s
     return status;
 }
 
+double ir_sah_from(const struct ir *ir, double cost)
+{
+    double root = 0;
+    for (uint32_t key = 0; ir->node_count > 0 && key < ir->key_count; key++)
+        root += box_half_area(&ir->boxes[key][0]);
+    return root > 0 ? cost / root : 0;
+}
+
 double ir_sah(const struct ir *ir)
 {
-    if (ir->node_count == 0)
-        return 0;
-    double root = 0;
-    for (uint32_t key = 0; key < ir->key_count; key++)
-        root += box_half_area(&ir->boxes[key][0]);
-    return root > 0 ? ir_cost(ir, 0, ir->node_count) / root : 0;
+    return ir_sah_from(ir, ir_cost(ir, 0, ir->node_count));
 }
 
 double ir_cost(const struct ir *ir, uint32_t first, uint32_t end)

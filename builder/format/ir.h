@@ -72,6 +72,9 @@ enum bvhd_status ir_check(const struct ir *ir, uint32_t primitive_count, const s
  */
 double ir_sah(const struct ir *ir);
 
+/* Returns the same from that sum, undivided; of a tree without nodes only boxes are read. */
+double ir_sah_from(const struct ir *ir, double cost);
+
 /* Returns that sum over nodes [first, end), undivided. */
 double ir_cost(const struct ir *ir, uint32_t first, uint32_t end);
 
