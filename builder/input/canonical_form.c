@@ -67,12 +67,12 @@ bool form_place(struct form_geometry *rows, uint32_t count, enum form_section se
     return true;
 }
 
-/* The states of whole triangles are final where neither instances nor updates may change what they mean. */
+/* The states of whole triangles are final where instances cannot change what they mean, and nothing is updated. */
 static void view_micromap(const unsigned char *block, const struct form_geometry *row, uint32_t flags,
                           struct canonical_geometry *geometry)
 {
-    const uint32_t changes =
-        BUILD_ALLOW_MICROMAP_UPDATE | BUILD_ALLOW_DISABLE_MICROMAPS | BUILD_ALLOW_MICROMAP_DATA_UPDATE;
+    const uint32_t changes = BUILD_ALLOW_MICROMAP_UPDATE | BUILD_ALLOW_DISABLE_MICROMAPS |
+                             BUILD_ALLOW_MICROMAP_DATA_UPDATE | BUILD_ALLOW_UPDATE;
     const struct form_micromap *micromap = (const void *)(block + row->micromap_offset);
     geometry->has_micromaps = true;
     geometry->micromap = micromap->reference;

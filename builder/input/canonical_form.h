@@ -76,7 +76,12 @@ struct form_geometry {
 /* The micromap of triangles, which an index for each of them follows. */
 struct form_micromap {
     uint32_t reference; /* 1-based row of the reference table; 0: none, and all indices are special */
-    uint32_t reserved[3]; /* must be 0 */
+    uint32_t reserved; /* must be 0 */
+    /*
+     * With MICROMAP_DATA_UPDATE, a checksum of what such updates must not change: which indices are special, and format
+     * and level of the triangles that the others name. Else 0.
+     */
+    uint64_t shape_sum;
 };
 
 struct form_reference {

@@ -7,6 +7,7 @@
 #include "builder/input/fetch_internal.h"
 #include "builder/input/micromap_usages.h"
 #include "builder/input/validate.h"
+#include "proto/base/checksum.h"
 #include "proto/base/place.h"
 
 enum { CHUNK = 8192, MIXED = MICRO_STATES };
@@ -165,6 +166,7 @@ struct indexing {
     uint32_t *indices; /* in the block */
     _Atomic uint32_t first_wrong; /* the first triangle whose index names nothing, or UINT32_MAX */
     _Atomic uint64_t found[MICROMAP_FORMATS][MICRO_LEVEL_MAX + 1];
+    uint64_t shape_sum;
 };
 
 /* Reads an index, once. Special ones become those of 32 bits. */
@@ -198,6 +200,19 @@ static uint32_t take_index(struct indexing *indexing, uint32_t triangle, struct 
     const struct micromap_triangle *found = &named->view.triangles[name];
     usages->counts[found->format - 1][found->level]++;
     return named->wholes && named->wholes[name] != MIXED ? ~(uint32_t)named->wholes[name] : name;
+}
+
+/* Adds the shapes of some triangles, which have been read, to the checksum. */
+static void add_shapes(struct indexing *indexing, size_t begin, size_t end)
+{
+    unsigned char shapes[CHUNK];
+    for (size_t i = begin; i < end; i++) {
+        const uint32_t index = indexing->indices[i];
+        const bool is_special = index >= MICROMAP_FULLY_UNKNOWN_OPAQUE;
+        const struct micromap_triangle *found = is_special ? NULL : &indexing->named->view.triangles[index];
+        shapes[i - begin] = (unsigned char)(is_special ? 0 : found->level << 2 | found->format);
+    }
+    indexing->shape_sum += checksum((struct bytes){shapes, end - begin}, begin);
 }
 
 static void take_indices(void *context, size_t chunk)
@@ -263,6 +278,11 @@ static enum bvhd_status read_geometry(struct reading *reading, uint32_t index)
         return cancelled(reading);
     if (indexing.first_wrong != UINT32_MAX)
         return report_wrong(reading, index, &indexing);
+    if (reading->fetch->input->flags & BUILD_ALLOW_MICROMAP_DATA_UPDATE) {
+        for (size_t at = 0; at < indexing.count; at += CHUNK)
+            add_shapes(&indexing, at, indexing.count - at < CHUNK ? indexing.count : at + CHUNK);
+        head->shape_sum = indexing.shape_sum;
+    }
     return check_usages(reading, index, &indexing);
 }
 
@@ -323,7 +343,7 @@ enum bvhd_status triangle_micromap_check_foreign(const struct canonical *canonic
     if (!geometry->has_micromaps)
         return BVHD_OK;
     const struct form_micromap *head = (const void *)(canonical->bytes + form_row(canonical, index)->micromap_offset);
-    if (head->reserved[0] != 0 || head->reserved[1] != 0 || head->reserved[2] != 0)
+    if (head->reserved != 0 || (head->shape_sum != 0 && !(canonical->flags & BUILD_ALLOW_MICROMAP_DATA_UPDATE)))
         return form_corrupt_row(error, index, "micromap.reserved", "not 0");
     if (head->reference > canonical->reference_count)
         return form_corrupt_row(error, index, "micromap.reference", "there is no such row");

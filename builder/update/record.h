@@ -18,9 +18,10 @@
 
 /*
  * Version 2 added rows of spheres and linear swept spheres, version 3 rows of motion triangles, which may stand beside
- * rows of triangles, and of motion instances. A record has the oldest version that has its rows.
+ * rows of triangles, and of motion instances. Version 4 has, behind the rows, one for the micromap of each. A record
+ * has the oldest version that has its rows.
  */
-enum { RECORD_NEWEST = 3 };
+enum { RECORD_MICROMAPS = 4, RECORD_NEWEST = RECORD_MICROMAPS };
 
 /* The fields of the structure as a whole. */
 struct record_header {
@@ -65,13 +66,30 @@ struct record_geometry {
     uint64_t index_sum; /* a checksum of the canonical copy's indices, which count from the lowest one */
 };
 
+/* What a geometry has: no micromap, special indices without one, or a micromap. */
+enum record_attachment { RECORD_NO_MICROMAP, RECORD_SPECIAL_ONLY, RECORD_MICROMAP };
+
+/* The micromap of one geometry. */
+struct record_micromap {
+    uint32_t attachment; /* enum record_attachment */
+    uint32_t reserved; /* 0 */
+    /*
+     * A checksum of the copy's indices; with MICROMAP_DATA_UPDATE of their shapes (struct form_micromap), and with
+     * MICROMAP_UPDATE 0, because updates may change them.
+     */
+    uint64_t index_sum;
+    struct key key; /* of the micromap; 0 with either of the flags */
+};
+
 _Static_assert(sizeof(struct record_header) == 112 && sizeof(struct record_geometry) == 48, "format");
+_Static_assert(sizeof(struct record_micromap) == 48, "format");
 
 /* A view of a record. */
 struct record {
     struct bytes bytes; /* the whole record */
     const struct record_header *header;
     const struct record_geometry *geometries; /* header->geometry_count rows */
+    const struct record_micromap *micromaps; /* as many; NULL: no geometry has a micromap */
     /* bit i % 64 of word i / 64 is set if flat primitive i is active; NULL: all are active */
     const uint64_t *active;
     struct record_header *owned; /* the block if it belongs to the view, else NULL */

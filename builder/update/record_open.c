@@ -2,6 +2,7 @@
 #include <math.h>
 
 #include "builder/format/layout.h"
+#include "builder/input/canonical_form.h"
 #include "builder/update/activity.h"
 #include "builder/update/record_internal.h"
 #include "builder/update/update_kind.h"
@@ -25,7 +26,8 @@ static enum bvhd_status check_form(struct bytes bytes, const struct record_heade
     if (header->version != 1 && header->geometry_count == 0)
         return corrupt(error, "record.version", "not that of a record without rows");
     if (header->size != bytes.size ||
-        header->size != record_size(header->geometry_count, header->primitive_count, header->inactive_count))
+        header->size != record_size(header->geometry_count, header->primitive_count, header->inactive_count,
+                                    header->version == RECORD_MICROMAPS))
         return corrupt(error, "record.size", "not what its parts take");
     if (header->reserved[0] != 0 || header->reserved[1] != 0)
         return corrupt(error, "record.reserved", "not zero");
@@ -89,12 +91,34 @@ static uint32_t find_unsound(const struct record *record)
 static uint32_t find_stranger(const struct record *record)
 {
     const uint32_t type = record_type_of(record), count = record->header->geometry_count;
-    const bool is_version = update_kind_of(type)->version == record->header->version;
+    const bool is_version =
+        update_kind_of(type)->version == record->header->version || (record->micromaps && form_may_have_micromap(type));
     uint32_t g = 0;
     while (g < count && is_version &&
            kind_find(record->geometries[g].type)->vulkan_type == kind_find(type)->vulkan_type)
         g++;
     return g;
+}
+
+static bool micromap_is_sound(const struct record_micromap *row)
+{
+    static const struct record_micromap none;
+    return row->attachment == RECORD_NO_MICROMAP ? memcmp(row, &none, sizeof none) == 0
+                                                 : row->attachment <= RECORD_MICROMAP && row->reserved == 0;
+}
+
+/* Checks the micromaps of the rows, of which there is one at least. */
+static enum bvhd_status check_micromaps(const struct record *record, struct bvhd_error *error)
+{
+    uint32_t given = 0;
+    if (!record->micromaps)
+        return BVHD_OK;
+    for (uint32_t g = 0; g < record->header->geometry_count; g++) {
+        if (!micromap_is_sound(&record->micromaps[g]))
+            return corrupt(error, place("record.micromaps[%u]", g).text, "nothing that a geometry has");
+        given |= record->micromaps[g].attachment;
+    }
+    return given ? BVHD_OK : corrupt(error, "record.version", "not that of a record without micromaps");
 }
 
 static enum bvhd_status check_rows(const struct record *record, struct bvhd_error *error)
@@ -137,6 +161,8 @@ enum bvhd_status record_open(struct bytes bytes, struct record *ret_record, stru
     struct record record;
     record_view(header, &record);
     status = check_rows(&record, error);
+    if (status == BVHD_OK)
+        status = check_micromaps(&record, error);
     if (status == BVHD_OK)
         status = check_activity(&record, error);
     if (status == BVHD_OK)

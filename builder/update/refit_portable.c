@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "builder/format/portable_head.h"
+#include "builder/format/portable_micromaps.h"
 #include "builder/format/portable_quantise.h"
 #include "builder/update/portable_tree.h"
 #include "builder/update/refit_vertices.h"
@@ -34,6 +35,8 @@ static enum bvhd_status check_source(const struct portable_refit *refit, struct 
     const uint32_t geometries = record->type == STRUCTURE_TOP ? 0 : record->geometry_count;
     if (header->content != content_of(refit->records.record))
         return bvhd_error_set(error, BVHD_CORRUPT, "body.content", "not that of the record");
+    if ((header->version == PORTABLE_MICROMAP_VERSION) != (refit->records.record->micromaps != NULL))
+        return bvhd_error_set(error, BVHD_CORRUPT, "body.version", "not that of the record");
     if (header->primitive_count != record->primitive_count)
         return bvhd_error_set(error, BVHD_CORRUPT, "body.primitiveCount", "not that of the record");
     if (header->geometry_count != geometries)
@@ -208,7 +211,14 @@ static enum bvhd_status fill_tree(struct portable_refit *refit, struct refit_out
     return BVHD_OK;
 }
 
-/* Copies what the source has between two sections, and its geometries. */
+static uint64_t geometry_end_of(const struct portable_header *header)
+{
+    return header->version == PORTABLE_MICROMAP_VERSION
+               ? header->geometry_offset + (uint64_t)header->geometry_count * sizeof(struct portable_geometry)
+               : header->body_size;
+}
+
+/* Copies what the source has between two sections, and its geometries; the micromaps are those of the update. */
 static void copy_rest(const struct portable_refit *refit)
 {
     const struct portable_header *header = &refit->header;
@@ -224,8 +234,12 @@ static void copy_rest(const struct portable_refit *refit)
         memcpy(refit->body + end, source + end, sections[i][0] - end);
         end = sections[i][0] + sections[i][1];
     }
-    memcpy(refit->body + end, source + end, header->body_size - end);
+    memcpy(refit->body + end, source + end, geometry_end_of(header) - end);
     memcpy(refit->body, header, sizeof *header);
+    portable_micromaps_write(refit->canonical, header, refit->body);
+    struct portable_geometry *geometries = (void *)(refit->body + header->geometry_offset);
+    for (uint32_t g = 0; g < header->geometry_count; g++)
+        geometries[g].micromap = portable_micromaps_of(&refit->canonical->geometries[g]);
 }
 
 static enum bvhd_status write_blob(struct portable_refit *refit, struct refit_output *output, struct bvhd_error *error)
@@ -235,7 +249,7 @@ static enum bvhd_status write_blob(struct portable_refit *refit, struct refit_ou
     refit->blob = output_allocate(refit->context->output, refit->context->memory, output->sizes.total, error);
     if (!refit->blob)
         return BVHD_NO_MEMORY;
-    refit->body = refit->blob + portable_body_offset(handles);
+    refit->body = refit->blob + portable_head_body(&refit->header, handles);
     refit->records.written = (struct portable_records){
         .kind = record_kind_of(refit->header.content),
         .canonical = refit->canonical,
@@ -265,6 +279,11 @@ enum bvhd_status refit_portable(const struct refit_request *request, const struc
         return status;
     struct refit_output output = {.bounds = box_empty()};
     refit.header = *refit.source.header;
+    if (refit.header.version == PORTABLE_MICROMAP_VERSION) {
+        refit.header.body_size = geometry_end_of(&refit.header);
+        portable_micromaps_count(refit.canonical, &refit.header);
+        portable_micromaps_place(&refit.header);
+    }
     const struct record_kind *kind = record_kind_of(refit.header.content);
     refit.kind = update_kind_of(kind->type);
     refit.leaf_cost = (double)kind->cost;

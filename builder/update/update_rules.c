@@ -82,6 +82,32 @@ static enum bvhd_status check_count(const struct update_comparison *comparison, 
                            before->primitive_count);
 }
 
+static struct record_micromap micromap_of(const struct record *record, uint32_t g)
+{
+    return record->micromaps ? record->micromaps[g] : (struct record_micromap){.attachment = RECORD_NO_MICROMAP};
+}
+
+/* Vulkan has these rules for both extensions, without numbers for host builds. */
+static enum bvhd_status check_micromap(const struct update_comparison *comparison, uint32_t g)
+{
+    const struct record_micromap before = micromap_of(comparison->source, g), now = micromap_of(comparison->now, g);
+    if (before.attachment != now.attachment)
+        return bvhd_error_set(comparison->error, BVHD_INVALID, update_place(comparison, g, "triangles.micromap").text,
+                              "the source of the update has %s",
+                              before.attachment == RECORD_NO_MICROMAP ? "none"
+                              : before.attachment == RECORD_MICROMAP  ? "a micromap"
+                                                                      : "special indices without a micromap");
+    if (!key_equal(&before.key, &now.key))
+        return bvhd_error_set(comparison->error, BVHD_INVALID,
+                              update_place(comparison, g, "triangles.micromap.micromap").text,
+                              "not the micromap of the source of the update");
+    if (before.index_sum != now.index_sum)
+        return bvhd_error_set(comparison->error, BVHD_INVALID,
+                              update_place(comparison, g, "triangles.micromap.indexBuffer").text,
+                              "other special indices, or triangles of the micromap, than in the source of the update");
+    return BVHD_OK;
+}
+
 static enum bvhd_status check_geometry(const struct update_comparison *comparison, uint32_t g)
 {
     const struct update_kind *kind = update_kind_of(comparison->now->geometries[g].type);
@@ -92,6 +118,8 @@ static enum bvhd_status check_geometry(const struct update_comparison *compariso
         status = check_fields(comparison, g, kind->rules, kind->rule_count);
     if (status == BVHD_OK)
         status = check_count(comparison, g);
+    if (status == BVHD_OK)
+        status = check_micromap(comparison, g);
     return status == BVHD_OK && kind->check ? kind->check(comparison, g) : status;
 }
 

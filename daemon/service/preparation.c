@@ -117,7 +117,8 @@ static uint64_t count_primitives(const struct build_input *input)
  */
 static uint64_t record_most(const struct build_input *input)
 {
-    const uint64_t rows = product(input->geometry_count, sizeof(struct record_geometry));
+    const uint64_t rows =
+        product(input->geometry_count, sizeof(struct record_geometry) + sizeof(struct record_micromap));
     const uint64_t words = sum(count_primitives(input) / 64, 1);
     return sum(sum(sizeof(struct record_header), rows), product(words, sizeof(uint64_t)));
 }
