@@ -11,11 +11,11 @@
 /* A number of records that stay in the first-level cache between two passes over them. */
 enum { BLOCK = 256 };
 
-/*
- * Bits 0 to 3 are the instance flags that bvhd implements; the next two are about opacity micromaps; the others do not
- * exist.
- */
-enum { INSTANCE_MICROMAP_FLAGS = 0x30, INSTANCE_UNKNOWN_FLAGS = 0xc0 };
+/* The instance flags that came with opacity micromaps, and those that do not exist. */
+enum {
+    INSTANCE_MICROMAP_FLAGS = INSTANCE_FORCE_MICROMAP_2_STATE | INSTANCE_DISABLE_MICROMAPS,
+    INSTANCE_UNKNOWN_FLAGS = 0xc0
+};
 
 /* Where the other fields of a record have the flags and the reference. */
 enum { FIELD_FLAGS = 4, FIELD_REFERENCE = 8 };
@@ -43,7 +43,8 @@ void instances_view(const void *data, struct canonical_geometry *geometry)
 bool instances_flags_are_valid(const unsigned char *fields)
 {
     const uint32_t both = INSTANCE_FORCE_OPAQUE | INSTANCE_FORCE_NO_OPAQUE, flags = fields[FIELD_FLAGS + 3];
-    return (flags & (INSTANCE_MICROMAP_FLAGS | INSTANCE_UNKNOWN_FLAGS)) == 0 && (flags & both) != both;
+    const uint32_t foreign = INSTANCE_UNKNOWN_FLAGS | (validate_micromaps ? 0 : INSTANCE_MICROMAP_FLAGS);
+    return (flags & foreign) == 0 && (flags & both) != both;
 }
 
 bool instances_are_active(const unsigned char *fields)
@@ -132,7 +133,7 @@ enum bvhd_status instances_report_flags(const unsigned char *fields, enum bvhd_v
     struct place where_flags = place("%s.flags", where.text);
     if (flags & INSTANCE_UNKNOWN_FLAGS)
         return bvhd_error_rule(error, rule, where_flags.text, "unknown bits 0x%x", flags & INSTANCE_UNKNOWN_FLAGS);
-    if (flags & INSTANCE_MICROMAP_FLAGS)
+    if (flags & INSTANCE_MICROMAP_FLAGS && !validate_micromaps)
         return bvhd_error_set(error, BVHD_UNSUPPORTED, where_flags.text, "flags 0x%x are about opacity micromaps",
                               flags & INSTANCE_MICROMAP_FLAGS);
     return bvhd_error_rule(error, rule, where_flags.text, "FORCE_OPAQUE and FORCE_NO_OPAQUE exclude each other");

@@ -3,9 +3,10 @@
 
 #include "proto/base/kind.h"
 #include "proto/base/place.h"
+#include "proto/base/validate_shape.h"
 
 /* Where the other fields of a record (canonical.h) have the reference. */
-enum { REFERENCE_FIELD = 8 };
+enum { FLAGS_FIELD = 7, REFERENCE_FIELD = 8 };
 
 /* A micromap has nothing but a key and its bytes, which triangle_micromap.c checks. */
 static bool is_good(const struct reference *reference, enum reference_kind kind)
@@ -144,6 +145,16 @@ static enum bvhd_status refuse_motion(const struct reference_records *records, u
         records->index);
 }
 
+/* Refuses an instance that disables the micromaps of a structure that was not built for that. */
+static enum bvhd_status refuse_disabling(const struct reference_records *records, uint32_t record,
+                                         struct bvhd_error *error)
+{
+    return bvhd_error_rule(error, BVHD_VUID_11581,
+                           place("infos[%u].geometries[0].instances[%u].flags", records->index, record).text,
+                           "DISABLE_OPACITY_MICROMAPS, but the structure was built without "
+                           "ALLOW_DISABLE_OPACITY_MICROMAPS");
+}
+
 /*
  * Numbers the structures in the order of first use: makes a row for each, and writes its number into the records. The
  * number of rows is smaller when cancelled. Fails if a structure moves that must not.
@@ -161,6 +172,9 @@ static enum bvhd_status number_references(const struct reference_records *record
         uint64_t reference = bytes_get64(field);
         if (reference == 0)
             continue;
+        if (validate_micromaps && field[FLAGS_FIELD - REFERENCE_FIELD] & INSTANCE_DISABLE_MICROMAPS &&
+            !references[reference - 1].may_disable_micromaps)
+            return refuse_disabling(records, i, error);
         uint32_t *row = &row_of_reference[reference - 1];
         if (*row == 0) {
             if (references[reference - 1].moves && !kind->moves)

@@ -259,6 +259,7 @@ struct reference {
     enum reference_kind kind;
     uint64_t handle; /* the value that instance records or triangles carry; not 0; unique within the table */
     bool moves; /* it has motion triangles, so only a top level with BUILD_MOTION may name it */
+    bool may_disable_micromaps; /* built with ALLOW_DISABLE_MICROMAPS, which INSTANCE_DISABLE_MICROMAPS needs */
     bool has_key;
     struct key key; /* if has_key: the key of the structure's bytes */
     struct box bounds; /* of the structure in its own space; box_empty() for an empty structure */

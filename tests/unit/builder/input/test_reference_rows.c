@@ -9,6 +9,7 @@
 #include "builder/input/prepare.h"
 #include "tests/support/random.h"
 #include "builder/input/reference_rows.h"
+#include "proto/base/validate_shape.h"
 
 static void instances_are_copied(void **state)
 {
@@ -183,6 +184,30 @@ static void only_what_moves_names_what_moves(void **state)
     bed_compare(&test, &other, true);
 }
 
+static void micromaps_are_disabled_where_that_is_allowed(void **state)
+{
+    (void)state;
+    struct test_input test;
+    validate_micromaps = true;
+    inputs_instances(&test);
+    test.records[1][13] |= UINT32_C(0x20) << 24; /* inactive, so that it names nothing */
+    test.records[2][13] |= UINT32_C(0x10) << 24;
+    struct canonical canonical = bed_make(&test);
+    assert_int_equal(canonical_instance(canonical.geometries, 2).flags & 0x30, INSTANCE_FORCE_MICROMAP_2_STATE);
+    bed_finish(&canonical);
+    test.records[2][13] |= UINT32_C(0x20) << 24;
+    bed_refuse(&test, BVHD_INVALID, "VUID-VkAccelerationStructureInstanceKHR-flags-11581",
+               "infos[2].geometries[0].instances[2].flags");
+    test.references[1].may_disable_micromaps = true;
+    canonical = bed_make(&test);
+    assert_int_equal(canonical_instance(canonical.geometries, 2).flags & 0x30, 0x30);
+    bed_finish(&canonical);
+    test.records[3][13] |= UINT32_C(0x20) << 24; /* names another structure */
+    bed_refuse(&test, BVHD_INVALID, "VUID-VkAccelerationStructureInstanceKHR-flags-11581",
+               "infos[2].geometries[0].instances[3].flags");
+    validate_micromaps = false;
+}
+
 static void failing_allocations_hold_nothing(void **state)
 {
     (void)state;
@@ -211,6 +236,7 @@ int main(void)
         cmocka_unit_test(many_references_are_told_apart),
         cmocka_unit_test(references_are_checked),
         cmocka_unit_test(only_what_moves_names_what_moves),
+        cmocka_unit_test(micromaps_are_disabled_where_that_is_allowed),
         cmocka_unit_test(failing_allocations_hold_nothing),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

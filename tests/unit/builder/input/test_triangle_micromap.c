@@ -236,6 +236,49 @@ static void failures_hold_nothing(void **state)
     bed_finish(&canonical);
 }
 
+/* A block from elsewhere, in which one word is changed. */
+static void reason(const struct canonical *made, uint64_t at, uint32_t value, const char *where)
+{
+    static unsigned char block[2048] __attribute__((aligned(16)));
+    struct canonical canonical;
+    struct bvhd_error error = {.status = BVHD_OK};
+    assert_true(made->size <= sizeof block);
+    memcpy(block, made->bytes, made->size);
+    bytes_put32(block + at, value);
+    const struct bytes bytes = {block, made->size};
+    assert_int_equal(prepare_open(bytes, &bed_memory, &canonical, &error), where ? BVHD_CORRUPT : BVHD_OK);
+    if (where)
+        assert_string_equal(error.where, where);
+    else
+        prepare_finish(&canonical, &bed_memory);
+}
+
+static void copies_from_elsewhere_are_checked(void **state)
+{
+    (void)state;
+    start();
+    struct canonical made = bed_make(&s.test);
+    const uint64_t row = 64 + 64, head = bytes_get64(made.bytes + row + 56), table = made.size - 144;
+    assert_int_equal(bytes_get32(made.bytes + 4), CANONICAL_VERSION_MICROMAP);
+    reason(&made, 4, CANONICAL_VERSION_MICROMAP, NULL);
+    reason(&made, 4, CANONICAL_VERSION, "version");
+    reason(&made, row + 56, (uint32_t)head + 16, "geometries[1].micromapOffset");
+    reason(&made, row + 56, 0, "version");
+    reason(&made, row - 8, (uint32_t)head, "geometries[1].micromapOffset"); /* the first one has it */
+    reason(&made, head, 0, "geometries[1].micromap.indices[2]");
+    reason(&made, head, 2, "geometries[1].micromap.reference");
+    reason(&made, head + 4, 1, "geometries[1].micromap.reserved");
+    reason(&made, head + 8, 1, "geometries[1].micromap.reserved"); /* the checksum of another flag */
+    reason(&made, head + 16, COUNT, "geometries[1].micromap.indices[0]");
+    reason(&made, head + 16, COUNT - 1, NULL);
+    reason(&made, head + 16, MICROMAP_FULLY_UNKNOWN_OPAQUE - 1, "geometries[1].micromap.indices[0]");
+    reason(&made, head + 28, 1, "geometries[1].padding");
+    reason(&made, table, REFERENCE_BLAS, "references[0]");
+    reason(&made, table + 4, 0, "geometries[1].micromap.indices[2]");
+    reason(&made, table + 8 + 32, 0, "references[0]"); /* a micromap has no bounds */
+    bed_finish(&made);
+}
+
 /* ---- Random ones, from the request to the bytes ---- */
 
 static uint32_t record_id(const struct portable_view *view, uint32_t i)
@@ -267,6 +310,69 @@ static void check_record(const struct portable_view *view, uint32_t id, const st
     }
     assert_int_equal(view->geometries[g].micromap, 1);
     assert_int_equal(want, portable_micromap_state(micromap, index, u, v));
+}
+
+/* Changes one word of the body, and opens it. */
+static void spoil(const struct batch_item *item, const void *field, uint32_t value, const char *where)
+{
+    struct portable_view view;
+    struct bvhd_error error = {.status = BVHD_OK};
+    uint32_t *word = (uint32_t *)(uintptr_t)field;
+    const uint32_t old = *word;
+    *word = value;
+    assert_int_equal(portable_open((struct bytes){item->blob, item->size}, &bed_memory, &view, &error), BVHD_CORRUPT);
+    assert_string_equal(error.where, where);
+    *word = old;
+}
+
+static void structures_from_elsewhere_are_checked(void **state)
+{
+    (void)state;
+    struct test_scene scene;
+    start();
+    attached()->has_usages = 0;
+    s.indices[1] = 2;
+    test_scene_init(&scene);
+    scene.flags = BUILD_ALLOW_UPDATE; /* which keeps all in the tree */
+    scene.micromaps = s.test.references;
+    scene.micromap_count = 1;
+    test_scene_add(&scene, s.test.geometries, 2, 0);
+    const struct batch_item *item = &scene.items[0];
+    const struct portable_view *view = &scene.views[0];
+    const struct portable_header *header = view->header;
+    const struct portable_indexed_triangle *records = view->records;
+    uint32_t plain = 0, named = 0;
+    while (records[plain].id & PORTABLE_ID_MICROMAP)
+        plain++;
+    while ((records[named].id & PORTABLE_ID_MASK) != 3) /* the second triangle of the second geometry */
+        named++;
+    uint32_t first = 0, explicit = 0;
+    while (!(records[first].id & PORTABLE_ID_MICROMAP))
+        first++;
+    while (!(records[explicit].id & PORTABLE_ID_MICROMAP) || (records[explicit].id & PORTABLE_ID_MASK) == 2)
+        explicit ++;
+    char plain_place[32], named_place[32], first_place[32], explicit_place[32];
+    snprintf(first_place, sizeof first_place, "records[%u]", first);
+    snprintf(explicit_place, sizeof explicit_place, "records[%u]", explicit);
+    snprintf(plain_place, sizeof plain_place, "records[%u]", plain);
+    snprintf(named_place, sizeof named_place, "records[%u]", named);
+    spoil(item, &header->micromap_count, 0, "body.micromapCount");
+    spoil(item, &header->micromap_count, 2, "body.micromapCount");
+    spoil(item, &header->micromap_index_count, 0, "body.micromapIndexCount");
+    spoil(item, &header->micromap_index_count, 6, "body.micromapIndexCount");
+    spoil(item, &header->micromap_offset, (uint32_t)header->micromap_offset - 16, "body.micromapOffset");
+    spoil(item, &header->micromap_offset, (uint32_t)header->micromap_offset + 16, "body.micromapOffset");
+    spoil(item, &view->geometries[1].micromap, 2, "geometries[1].micromap");
+    spoil(item, &view->geometries[1].micromap, 0, first_place);
+    spoil(item, &view->geometries[1].micromap, PORTABLE_NO_MICROMAP, explicit_place);
+    spoil(item, &view->micromaps[0].handle, 1, "micromaps[0]");
+    spoil(item, &view->micromaps[0].location[1], 1, "micromaps[0]");
+    spoil(item, &view->micromaps[0].triangle_count, 2, named_place);
+    spoil(item, &view->micromap_indices[3], COUNT, named_place);
+    spoil(item, &view->micromap_indices[3], MICROMAP_FULLY_UNKNOWN_OPAQUE - 1, named_place);
+    spoil(item, &records[plain].id, records[plain].id | PORTABLE_ID_MICROMAP, plain_place);
+    spoil(item, &records[named].id, records[named].id | 0x20000000, named_place);
+    test_scene_finish(&scene);
 }
 
 /* Triangles that are not in the tree are transparent as a whole. */
@@ -339,6 +445,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(whole_triangles_become_special),    cmocka_unit_test(indices_have_widths),
         cmocka_unit_test(no_micromap_needs_special_indices), cmocka_unit_test(every_rule_is_named),
+        cmocka_unit_test(copies_from_elsewhere_are_checked), cmocka_unit_test(structures_from_elsewhere_are_checked),
         cmocka_unit_test(native_layouts_have_no_micromaps),  cmocka_unit_test(failures_hold_nothing),
         cmocka_unit_test(what_is_built_says_what_was_asked),
     };
