@@ -9,7 +9,7 @@
 #include "proto/base/validate_shape.h"
 #include "tests/support/builder/random_micromap.h"
 
-enum { HANDLE = 88, INDEX = 3 };
+enum { HANDLE = 88, INDEX = 3, VERTICES = 60 };
 
 static struct memory memory, blob_memory;
 static struct descriptors descriptors;
@@ -146,23 +146,28 @@ struct named {
     struct geometry geometry;
     struct reference reference;
     struct build_input input;
-    float *vertices;
+    float vertices[VERTICES][3];
+    uint32_t *indices;
 };
 
 static void make_named(struct named *named, uint32_t triangles, uint32_t count, unsigned level)
 {
     struct random random = {count};
-    const uint64_t size = triangles * UINT64_C(36);
-    named->vertices = malloc(size);
-    for (uint32_t i = 0; i < 9 * triangles; i++)
-        named->vertices[i] = (float)(random_next(&random) % 1000);
-    named->geometry = (struct geometry){.type = GEOMETRY_TRIANGLES,
-                                        .triangles = {.vertex_format = 106,
-                                                      .max_vertex = 3 * triangles - 1,
-                                                      .vertex_stride = 12,
-                                                      .index_type = INDEX_NONE,
-                                                      .vertices = {(unsigned char *)named->vertices, size}},
-                                        .range = {.primitive_count = triangles}};
+    for (uint32_t i = 0; i < VERTICES; i++)
+        for (int k = 0; k < 3; k++)
+            named->vertices[i][k] = (float)(random_next(&random) % 1000);
+    named->indices = malloc(triangles * UINT64_C(12));
+    for (uint32_t i = 0; i < 3 * triangles; i++)
+        named->indices[i] = (uint32_t)(random_next(&random) % VERTICES);
+    named->geometry =
+        (struct geometry){.type = GEOMETRY_TRIANGLES,
+                          .triangles = {.vertex_format = 106,
+                                        .max_vertex = VERTICES - 1,
+                                        .vertex_stride = 12,
+                                        .index_type = INDEX_UINT32,
+                                        .vertices = {(unsigned char *)named->vertices, sizeof named->vertices},
+                                        .indices = {(unsigned char *)named->indices, triangles * UINT64_C(12)}},
+                          .range = {.primitive_count = triangles}};
     random_micromap_make(&random, count, level, 0, &named->micromap);
     random_micromap_attach(&random, &named->micromap, HANDLE, &named->geometry, &named->attachment);
     named->reference = random_micromap_reference(&named->micromap, HANDLE);
@@ -175,7 +180,7 @@ static void finish_named(struct named *named)
 {
     random_attachment_finish(&named->attachment);
     random_micromap_finish(&named->micromap);
-    free(named->vertices);
+    free(named->indices);
 }
 
 /* Puts the micromap into the cache, and nowhere else. */
@@ -200,7 +205,7 @@ static void it_stops_for_micromaps(void **state)
     static const struct {
         uint32_t triangles, count;
         unsigned level;
-    } cases[] = {{1, 1, 0}, {100, 1000, 6}, {50000, 10, 2}};
+    } cases[] = {{1, 1, 0}, {100, 1000, 6}, {50000, 10, 2}, {2000000, 1, 0}};
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
         struct named named;
         unsigned char *payload;
