@@ -49,7 +49,8 @@ struct reference_rows {
 /*
  * Makes the rows. The records' reference fields come in as 1-based positions in `references` (0: inactive), and leave
  * as 1-based rows of *ret_rows. Returns BVHD_INVALID with the first instance that names a structure that moves, if the
- * top level does not, or disables micromaps that may not be disabled, BVHD_NO_MEMORY or BVHD_CANCELLED; some fields may have changed then and others not.
+ * top level does not, or disables micromaps that may not be disabled, BVHD_NO_MEMORY or BVHD_CANCELLED; some fields may
+ * have changed then and others not.
  */
 enum bvhd_status reference_rows_make(const struct reference_records *records, const struct reference *references,
                                      uint32_t reference_count, const struct build_context *context,
