@@ -267,11 +267,12 @@ enum bvhd_status prepare(const struct build_input *input, uint32_t index, const 
                         .memory = memory,
                         .error = error};
     enum bvhd_status status = validate_input_until(input, index, limits, context->cancel, error);
+    if (status != BVHD_OK)
+        return status;
     const struct input_kind *kind = input->geometry_count == 1 ? input_kind_of(input->geometries[0].type) : NULL;
-    if (status == BVHD_OK && kind && kind->prepare)
+    if (kind && kind->prepare)
         return kind->prepare(input, index, limits, context, ret_canonical, error);
-    if (status == BVHD_OK)
-        status = fetch_init(&work.fetch, input, index, context, error);
+    status = fetch_init(&work.fetch, input, index, context, error);
     if (status != BVHD_OK)
         return status;
 
