@@ -29,12 +29,13 @@ static struct bytes find_indices(const VkAccelerationStructureGeometrySpheresDat
         size > 0 ? vulkan_input_index_extent(range->primitive_offset, source->indexStride, count, size) : 0);
 }
 
-static uint32_t greatest_index(const unsigned char *index, uint64_t stride, uint64_t count, uint64_t size)
+static uint32_t greatest_index(const unsigned char *indices, uint64_t stride, uint64_t count, uint64_t size)
 {
     uint32_t greatest = 0;
     if (stride == 0)
         count = 1;
-    for (uint64_t i = 0; i < count; i++, index += stride) {
+    for (uint64_t i = 0; i < count; i++) {
+        const unsigned char *index = indices + i * stride;
         const uint32_t value = size == 2 ? bytes_get16(index) : bytes_get32(index);
         greatest = value > greatest ? value : greatest;
     }
