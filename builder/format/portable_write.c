@@ -423,7 +423,9 @@ static enum bvhd_status portable_write(const struct layout_input *input, unsigne
 
 static uint32_t portable_version(uint32_t geometry_type)
 {
-    if (geometry_type == GEOMETRY_MICROMAP || geometry_type == GEOMETRY_BAKED_MICROMAP)
+    if (geometry_type == GEOMETRY_BAKED_MICROMAP)
+        return 0; /* bakes have no copies yet (input_kind.h) */
+    if (geometry_type == GEOMETRY_MICROMAP)
         return PORTABLE_MICROMAP_VERSION;
     return record_kind_of(record_content_for(STRUCTURE_GENERIC, geometry_type, 0))->version;
 }
