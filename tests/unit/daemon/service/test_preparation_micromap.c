@@ -37,7 +37,7 @@ static int tear_down(void **state)
     return memory.live || blob_memory.live ? -1 : 0;
 }
 
-/* Creates a preparation of the input. *ret_payload has its payload's bytes, which may be written while they are held. */
+/* Creates a preparation of the input. *ret_payload has its payload's bytes, which a test may write. */
 static struct preparation *create(const struct build_input *input, unsigned char **ret_payload)
 {
     uint64_t size;
