@@ -50,12 +50,15 @@ static uint64_t scratch_bytes(const struct geometry *geometry)
     return kind->beside ? kind->beside(geometry) : 0;
 }
 
+static bool has_micromap(const struct geometry *geometry)
+{
+    return kind_find(geometry->type)->vulkan_type == GEOMETRY_TRIANGLES && geometry->triangles.micromap.is_given;
+}
+
 /* Returns what the micromap of a geometry's triangles takes in the copy: an index each. */
 static uint64_t attached_bytes(const struct geometry *geometry)
 {
-    const bool has_micromap =
-        kind_find(geometry->type)->vulkan_type == GEOMETRY_TRIANGLES && geometry->triangles.micromap.is_given;
-    return has_micromap ? product(geometry->range.primitive_count, sizeof(uint32_t)) : 0;
+    return has_micromap(geometry) ? product(geometry->range.primitive_count, sizeof(uint32_t)) : 0;
 }
 
 /* Returns the bytes of the states of triangles of this usage, which may be invalid, if at most `most` are different. */
@@ -112,13 +115,18 @@ static uint64_t count_primitives(const struct build_input *input)
 }
 
 /*
- * Returns the most bytes of a record with the input's geometries: a row for each, which is within GEOMETRY_BYTES, and a
- * bit for each primitive. The record of an update's source has no more if the update keeps Vulkan's rules.
+ * Returns the most bytes of a record with the input's geometries: a row for each, or two if some have micromaps, which
+ * are within GEOMETRY_BYTES, and a bit for each primitive. The record of an update's source has no more if the update
+ * keeps Vulkan's rules.
  */
 static uint64_t record_most(const struct build_input *input)
 {
-    const uint64_t rows =
-        product(input->geometry_count, sizeof(struct record_geometry) + sizeof(struct record_micromap));
+    uint64_t rows = product(input->geometry_count, sizeof(struct record_geometry));
+    for (uint32_t i = 0; i < input->geometry_count; i++)
+        if (has_micromap(&input->geometries[i])) {
+            rows = sum(rows, product(input->geometry_count, sizeof(struct record_micromap)));
+            break;
+        }
     const uint64_t words = sum(count_primitives(input) / 64, 1);
     return sum(sum(sizeof(struct record_header), rows), product(words, sizeof(uint64_t)));
 }
