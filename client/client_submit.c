@@ -1,4 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+#include "client/client_submit.h"
+
 #include "client/argument.h"
 #include "client/client_batch.h"
 #include "client/client_deadline.h"
@@ -13,6 +15,7 @@
 struct submission {
     struct bvhd_client *client;
     const struct bvhd_build *build;
+    const struct bvhd_error *known; /* one for each info, of what is known to be wrong with it; NULL: nothing is */
     struct build_options options;
     struct reference_table references;
     struct bvhd_error *errors; /* one for each info */
@@ -144,6 +147,14 @@ static enum bvhd_status describe(struct submission *submission)
     return status;
 }
 
+/* Returns the first error of an info, or one that is none. */
+static const struct bvhd_error *error_of(const struct submission *submission, uint32_t info)
+{
+    if (submission->known && submission->known[info].status != BVHD_OK)
+        return &submission->known[info];
+    return submission->errors[info].status != BVHD_OK ? &submission->errors[info] : &submission->batch_errors[info];
+}
+
 /*
  * Fails the infos that break a rule. The client checks the rules between infos itself, because it cuts a batch into
  * several requests, in which the daemon cannot see them.
@@ -152,8 +163,7 @@ static void fail_broken(struct submission *submission)
 {
     client_lock(submission->client);
     for (uint32_t i = 0; i < submission->build->info_count; i++) {
-        const struct bvhd_error *error =
-            submission->errors[i].status != BVHD_OK ? &submission->errors[i] : &submission->batch_errors[i];
+        const struct bvhd_error *error = error_of(submission, i);
         bool is_done = submission->batch->items[i].state == ITEM_DONE; /* it depended on one that has failed */
         if (error->status != BVHD_OK && !is_done)
             client_batch_fail_item(submission->batch, i, error);
@@ -161,14 +171,12 @@ static void fail_broken(struct submission *submission)
     client_unlock(submission->client);
 }
 
-enum bvhd_status bvhd_batch_submit(struct bvhd_client *client, const struct bvhd_build *build,
-                                   struct bvhd_batch **ret_batch, struct bvhd_error *ret_error)
+enum bvhd_status client_submit(struct bvhd_client *client, const struct bvhd_build *build,
+                               const struct bvhd_error *known, struct bvhd_batch **ret_batch,
+                               struct bvhd_error *ret_error)
 {
-    struct submission submission = {.client = client, .build = build};
-    enum bvhd_status status =
-        ARGUMENTS_CHECK(ret_error, {client, "client"}, {build, "build"}, {ret_batch, "ret_batch"});
-    if (status == BVHD_OK)
-        status = check_build(build, &submission.options, ret_error);
+    struct submission submission = {.client = client, .build = build, .known = known};
+    enum bvhd_status status = check_build(build, &submission.options, ret_error);
     if (status != BVHD_OK)
         return status;
     status = reference_table_make(build, &library_memory, &submission.references, ret_error);
@@ -195,6 +203,14 @@ enum bvhd_status bvhd_batch_submit(struct bvhd_client *client, const struct bvhd
     }
     *ret_batch = submission.batch;
     return BVHD_OK;
+}
+
+enum bvhd_status bvhd_batch_submit(struct bvhd_client *client, const struct bvhd_build *build,
+                                   struct bvhd_batch **ret_batch, struct bvhd_error *ret_error)
+{
+    enum bvhd_status status =
+        ARGUMENTS_CHECK(ret_error, {client, "client"}, {build, "build"}, {ret_batch, "ret_batch"});
+    return status == BVHD_OK ? client_submit(client, build, NULL, ret_batch, ret_error) : status;
 }
 
 enum bvhd_status bvhd_batch_fetch(struct bvhd_client *client, uint32_t key_count, const struct bvhd_key *keys,

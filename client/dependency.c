@@ -23,6 +23,8 @@ static void for_incomplete(struct finding *finding,
     for (uint32_t i = 0; i < finding->batch->count; i++) {
         const struct build_input *input = &vulkan_input_entries(finding->batch->input)[i];
         for (uint32_t slot = 0; finding->batch->items[i].state != ITEM_DONE && slot < input->reference_count; slot++) {
+            if (input->references[slot].kind != REFERENCE_BLAS)
+                continue; /* its key says all */
             uint32_t number = reference_table_find(table, input->references[slot].handle);
             if (table->infos[number] != REFERENCE_GIVEN || reference_table_lacks_bounds(table, number))
                 visit(finding, i, slot, number);

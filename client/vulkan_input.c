@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "client/vulkan_input.h"
 
-#include "client/vulkan_input_kind.h"
+#include "client/vulkan_input_micromap.h"
 #include "proto/base/place.h"
 #include "proto/base/request_limits.h"
 #include "proto/base/validate_shape.h"
@@ -15,8 +15,9 @@ static const struct {
     uint32_t type;
     const char *name;
 } foreign_structs[] = {
-    {1000396009, "an opacity micromap"}, {1000397002, "a displacement micromap"}, {1000478001, "dense geometry"},
-    {1000623002, "micromap data"},       {1000623003, "an opacity micromap"},
+    {1000396009, "an opacity micromap"}, {1000397002, "a displacement micromap"},
+    {1000478001, "dense geometry"},      {1000623002, "micromap data"},
+    {1000623003, "an opacity micromap"}, {0x40000003, "a baked opacity micromap"},
 };
 
 static enum bvhd_status refuse_struct(const struct input_entry *entry, enum bvhd_vuid vuid, struct place where,
@@ -53,12 +54,19 @@ static enum bvhd_status check_structure_type(const struct input_entry *entry, en
                            vulkan_name(VULKAN_STRUCTURE_TYPE, (uint32_t)expected).text);
 }
 
+/* Returns how the data of a kind is found in chains; NULL if it is not there, or while micromaps are refused. */
+static const struct vulkan_input_kind *chained_at(enum kind_number number)
+{
+    const struct vulkan_input_kind *kind = vulkan_input_kind_at(number);
+    const bool is_refused = number >= KIND_OF_RAYS && !validate_micromaps;
+    return kind && kind->is_chained && !is_refused ? kind : NULL;
+}
+
 /* Returns the kind whose struct is in chains with this sType; KIND_COUNT if there is none. */
 static enum kind_number chained_kind(VkStructureType type)
 {
     enum kind_number number = 0;
-    while (number < KIND_COUNT && !(vulkan_input_kind_at(number) && vulkan_input_kind_at(number)->is_chained &&
-                                    vulkan_input_kind_at(number)->head == type))
+    while (number < KIND_COUNT && !(chained_at(number) && chained_at(number)->head == type))
         number++;
     return number;
 }
@@ -82,19 +90,41 @@ static enum bvhd_status read_chain(const struct input_entry *entry, uint32_t ind
     return BVHD_OK;
 }
 
-/* Checks the chain of the data of geometry `index`, in which the struct of what moves may be, once. */
+/*
+ * Returns which of the structs that the chain of a kind's data may have this sType is of, as a bit; 0 for one that does
+ * not belong there.
+ */
+static unsigned extension_bit(const struct vulkan_input_kind *kind, VkStructureType type)
+{
+    const VkStructureType types[] = {kind->end, VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_TRIANGLES_OPACITY_MICROMAP_EXT,
+                                     VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_TRIANGLES_OPACITY_MICROMAP_KHR};
+    const unsigned first = kind->end ? 0 : 1;
+    const unsigned count = kind->has_micromaps && validate_micromaps ? sizeof types / sizeof *types : 1;
+    for (unsigned i = first; i < count; i++)
+        if (type == types[i])
+            return 1u << i;
+    return 0;
+}
+
+/*
+ * Checks the chain of the data of geometry `index`, in which each struct may be once. The walk ends, because a struct
+ * that comes again is refused.
+ */
 static enum bvhd_status check_data_chain(const struct input_entry *entry, uint32_t index, const struct kind *kind,
                                          const VkBaseInStructure *head)
 {
     const struct vulkan_input_kind *input_kind = vulkan_input_kind_at(kind->number);
     const struct place where = place("infos[%u].geometries[%u].%s.pNext", entry->index, index, kind->member);
-    const VkBaseInStructure *link = head->pNext;
-    if (link && input_kind->end && link->sType == input_kind->end) {
-        link = link->pNext;
-        if (link && link->sType == input_kind->end)
+    unsigned seen = 0;
+    for (const VkBaseInStructure *link = head->pNext; link; link = link->pNext) {
+        const unsigned bit = extension_bit(input_kind, link->sType);
+        if (bit == 0)
+            return refuse_struct(entry, input_kind->chain_rule, where, link->sType);
+        if (seen & bit)
             return refuse_second(entry, input_kind->unique_rule, where, link->sType);
+        seen |= bit;
     }
-    return check_chain(entry, input_kind->chain_rule, where, link);
+    return BVHD_OK;
 }
 
 /* Checks sType and pNext of the data of geometry `index`. */
@@ -124,9 +154,28 @@ static enum bvhd_status refuse_missing(const struct input_entry *entry, uint32_t
  */
 static const struct kind *find_moving(const struct input_entry *entry, const struct kind *kind, const void *data)
 {
-    const bool has_end = vulkan_input_kind_at(kind->number)->end && ((const VkBaseInStructure *)data)->pNext;
+    const VkStructureType end = vulkan_input_kind_at(kind->number)->end;
+    const bool has_end = end && vulkan_input_find(data, end);
     const bool moves = kind->is_top ? (entry->info->flags & BUILD_MOTION) != 0 : has_end;
     return moves ? kind_find_vulkan(kind->vulkan_type, true) : kind;
+}
+
+/*
+ * Finds how a micromap is described: by its states, or by the texture that decides them. Kinds that are refused are
+ * left to validate_input.
+ */
+static enum bvhd_status choose_micromap(const struct input_entry *entry, uint32_t index,
+                                        const void *const chained[KIND_COUNT], const struct kind **kind)
+{
+    if (!validate_micromaps)
+        *kind = NULL;
+    else if (chained[KIND_BAKED_MICROMAP] && chained[KIND_MICROMAP])
+        return bvhd_error_set(entry->error, BVHD_INVALID,
+                              place("infos[%u].geometries[%u].pNext", entry->index, index).text,
+                              "a micromap has its states or is baked, not both");
+    else if (chained[KIND_BAKED_MICROMAP])
+        *kind = kind_find(GEOMETRY_BAKED_MICROMAP);
+    return BVHD_OK;
 }
 
 /*
@@ -144,6 +193,8 @@ static enum bvhd_status find_data(const struct input_entry *entry, uint32_t inde
         source->sType, VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_GEOMETRY_KHR);
     if (status == BVHD_OK)
         status = read_chain(entry, index, source->pNext, chained);
+    if (status == BVHD_OK && kind && kind->is_micromap)
+        status = choose_micromap(entry, index, chained, &kind);
     if (status != BVHD_OK || !kind || !vulkan_input_kind_at(kind->number))
         return status;
     const bool is_chained = vulkan_input_kind_at(kind->number)->is_chained;
@@ -154,7 +205,7 @@ static enum bvhd_status find_data(const struct input_entry *entry, uint32_t inde
         status = check_data_head(entry, index, kind, data);
     if (status != BVHD_OK)
         return status;
-    *ret_kind = find_moving(entry, kind, data);
+    *ret_kind = kind->is_micromap ? kind : find_moving(entry, kind, data);
     *ret_data = data;
     return BVHD_OK;
 }
@@ -185,6 +236,12 @@ static enum bvhd_status check_geometry_count(const struct input_entry *entry)
                : status;
 }
 
+/* Micromaps say themselves how many triangles they have. */
+static bool has_no_ranges(const VkAccelerationStructureBuildGeometryInfoKHR *info)
+{
+    return (uint32_t)info->type == STRUCTURE_MICROMAP;
+}
+
 static enum bvhd_status check_head(const struct input_entry *entry)
 {
     const VkAccelerationStructureBuildGeometryInfoKHR *info = entry->info;
@@ -204,6 +261,8 @@ static enum bvhd_status check_head(const struct input_entry *entry)
                                    ? "pGeometries and ppGeometries are both set"
                                    : "pGeometries and ppGeometries are both NULL, but geometryCount is %u",
                                info->geometryCount);
+    if (has_no_ranges(info))
+        return BVHD_OK;
     bool is_array = entry->call->ranges != NULL;
     if (is_array && entry->call->ranges[entry->index])
         return BVHD_OK;
@@ -218,7 +277,9 @@ static enum bvhd_status convert_geometry(const struct input_entry *entry, uint32
     const VkAccelerationStructureBuildGeometryInfoKHR *info = entry->info;
     const VkAccelerationStructureGeometryKHR *source =
         info->pGeometries ? &info->pGeometries[index] : info->ppGeometries[index];
-    const VkAccelerationStructureBuildRangeInfoKHR *range = &entry->call->ranges[entry->index][index];
+    static const VkAccelerationStructureBuildRangeInfoKHR none;
+    const VkAccelerationStructureBuildRangeInfoKHR *range =
+        has_no_ranges(info) ? &none : &entry->call->ranges[entry->index][index];
     if (!source)
         return bvhd_error_rule(entry->error, BVHD_VUID_BuildGeometryInfo_ppGeometries_parameter,
                                place("infos[%u].ppGeometries[%u]", entry->index, index).text,
@@ -253,7 +314,7 @@ static enum bvhd_status convert_geometries(const struct input_entry *entry, stru
     enum bvhd_status status = BVHD_OK;
     for (uint32_t i = 0; status == BVHD_OK && i < count; i++)
         status = convert_geometry(entry, i, &geometries[i]);
-    return status;
+    return status == BVHD_OK ? vulkan_input_select_micromaps(entry) : status;
 }
 
 static enum bvhd_status convert_entry(const struct input_entry *entry, struct build_input *ret_description)
@@ -284,6 +345,9 @@ static void free_owned(struct entry_memory *owned, struct memory *memory)
     memory_free(memory, owned->geometries);
     memory_free(memory, owned->references);
     memory_free(memory, owned->records);
+    for (uint32_t i = 0; i < owned->usages_count; i++)
+        memory_free(memory, owned->usages[i]);
+    memory_free(memory, owned->usages);
     *owned = (struct entry_memory){0};
 }
 

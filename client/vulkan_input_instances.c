@@ -101,25 +101,6 @@ static enum bvhd_status mark_named(const struct input_entry *entry, const struct
     return BVHD_OK;
 }
 
-static enum bvhd_status copy_marked(const struct input_entry *entry, const unsigned char *marks)
-{
-    const struct input_call *call = entry->call;
-    uint32_t count = 0;
-    for (uint32_t i = 0; i < call->reference_count; i++)
-        count += marks[i];
-    if (count == 0)
-        return BVHD_OK;
-    struct reference *references = memory_array(call->memory, count, sizeof *references);
-    if (!references)
-        return vulkan_input_no_memory(entry);
-    entry->owned->references = references;
-    entry->owned->reference_count = count;
-    for (uint32_t i = 0; i < call->reference_count; i++)
-        if (marks[i])
-            *references++ = call->references[i];
-    return BVHD_OK;
-}
-
 /* Selects the references of a top level that its instances name, so that the description is self-contained. */
 static enum bvhd_status select_references(const struct input_entry *entry, const struct geometry *geometry)
 {
@@ -130,7 +111,7 @@ static enum bvhd_status select_references(const struct input_entry *entry, const
     memset(marks, 0, (size_t)count + 1);
     enum bvhd_status status = mark_named(entry, geometry, marks);
     if (status == BVHD_OK)
-        status = copy_marked(entry, marks);
+        status = vulkan_input_copy_marked(entry, marks);
     memory_free(entry->call->memory, marks);
     return status;
 }

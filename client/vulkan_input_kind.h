@@ -16,6 +16,8 @@ struct entry_memory {
     struct reference *references;
     uint32_t reference_count;
     unsigned char *records; /* instance records, gathered from pointers or copied */
+    unsigned char **usages; /* of micromaps, for each geometry; NULL: none */
+    uint32_t usages_count;
 };
 
 struct vulkan_input {
@@ -58,7 +60,8 @@ struct vulkan_input_kind {
     enum bvhd_vuid chain_rule; /* about its pNext; not for chained ones, whose chain is that of the geometry */
     /* The sType of the struct in its chain that says where the geometry is at t = 1; 0: there is none. */
     VkStructureType end;
-    enum bvhd_vuid unique_rule; /* about a second such struct */
+    bool has_micromaps; /* its chain may say which opacity micromap the geometry has */
+    enum bvhd_vuid unique_rule; /* about a second struct of the same type in its chain */
 
     /*
      * Converts what describes this kind alone: `data` is its struct, whose chain has been checked. The other members
@@ -68,7 +71,8 @@ struct vulkan_input_kind {
 };
 
 extern const struct vulkan_input_kind vulkan_input_triangles, vulkan_input_aabbs, vulkan_input_instances,
-    vulkan_input_spheres, vulkan_input_swept_spheres, vulkan_input_moving_triangles, vulkan_input_moving_instances;
+    vulkan_input_spheres, vulkan_input_swept_spheres, vulkan_input_moving_triangles, vulkan_input_moving_instances,
+    vulkan_input_micromap, vulkan_input_baked_micromap;
 
 /* Returns how a kind is converted; NULL for one that no struct of the chain gives. */
 const struct vulkan_input_kind *vulkan_input_kind_at(enum kind_number number);
@@ -87,6 +91,14 @@ bool vulkan_input_is_countable(const struct geometry_range *range);
 
 /* Returns the bytes behind an address, which may be NULL. */
 struct bytes vulkan_input_bytes(const void *address, uint64_t size);
+
+/* Returns the struct of this sType in the chain of `head`, whose own sType does not count; NULL if there is none. */
+const VkBaseInStructure *vulkan_input_find(const void *head, VkStructureType type);
+
+/*
+ * Gives the entry those of the call's references that are marked, one byte for each of them. Returns BVHD_NO_MEMORY.
+ */
+enum bvhd_status vulkan_input_copy_marked(const struct input_entry *entry, const unsigned char *marks);
 
 /* Writes the entry's error; returns BVHD_NO_MEMORY. */
 enum bvhd_status vulkan_input_no_memory(const struct input_entry *entry);

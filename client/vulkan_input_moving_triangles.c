@@ -5,7 +5,8 @@
 static enum bvhd_status convert(const struct input_entry *entry, const void *data, struct geometry *geometry)
 {
     const VkAccelerationStructureGeometryTrianglesDataKHR *triangles = data;
-    const VkAccelerationStructureGeometryMotionTrianglesDataNV *end = triangles->pNext;
+    const VkAccelerationStructureGeometryMotionTrianglesDataNV *end =
+        (const void *)vulkan_input_find(triangles, vulkan_input_triangles.end);
     enum bvhd_status status = vulkan_input_triangles.convert(entry, data, geometry);
     geometry->triangles.end_vertices =
         vulkan_input_bytes(end->vertexData.hostAddress, geometry->triangles.vertices.size);

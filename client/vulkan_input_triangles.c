@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "client/vulkan_input_kind.h"
+#include "client/vulkan_input_micromap.h"
 #include "proto/base/vertex_element.h"
 
 static uint64_t element_size(uint32_t format)
@@ -39,7 +39,6 @@ static enum bvhd_status convert(const struct input_entry *entry, const void *dat
 {
     const VkAccelerationStructureGeometryTrianglesDataKHR *triangles = data;
     const struct geometry_range *range = &geometry->range;
-    (void)entry;
     bool indexed = triangles->indexType != VK_INDEX_TYPE_NONE_KHR;
     geometry->triangles = (struct geometry_triangles){
         .vertex_format = (uint32_t)triangles->vertexFormat,
@@ -52,7 +51,7 @@ static enum bvhd_status convert(const struct input_entry *entry, const void *dat
             vulkan_input_bytes(triangles->transformData.hostAddress,
                                vulkan_input_extent(range->transform_offset, 0, 1, sizeof(VkTransformMatrixKHR))),
     };
-    return BVHD_OK;
+    return vulkan_input_attach(entry, triangles, geometry);
 }
 
 const struct vulkan_input_kind vulkan_input_triangles = {
@@ -60,6 +59,7 @@ const struct vulkan_input_kind vulkan_input_triangles = {
     .type_rule = BVHD_VUID_TrianglesData_sType_sType,
     .chain_rule = BVHD_VUID_TrianglesData_pNext_pNext,
     .end = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_GEOMETRY_MOTION_TRIANGLES_DATA_NV,
+    .has_micromaps = true,
     .unique_rule = BVHD_VUID_TrianglesData_sType_unique,
     .convert = convert,
 };

@@ -94,10 +94,12 @@ expect_quietly 'another vulkan_core.h' \
 cat >plain.c <<'END'
 #include <bvhd/bvhd.h>
 #include <bvhd/bvhd_cpu.h>
+#include <bvhd/bvhd_micromap.h>
 #include <bvhd/bvhd_scene.h>
 #include <bvhd/bvhd_structure.h>
 #include <bvhd/bvhd_trace.h>
 #include <bvhd/bvhd_vulkan.h>
+#include <bvhd/vulkan_khr.h>
 #include <bvhd/vulkan_nv.h>
 int use(struct bvhd_client *client);
 int use(struct bvhd_client *client)
