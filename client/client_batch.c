@@ -5,6 +5,7 @@
 #include "client/client_wait.h"
 #include "client/dependency.h"
 #include "client/local_job.h"
+#include "client/local_micromaps.h"
 #include "client/outgoing.h"
 #include "client/reference.h"
 #include "client/result_blob.h"
@@ -70,6 +71,8 @@ static void finish_item(struct bvhd_batch *batch, uint32_t index)
     placement_release(&batch->client->placement, &item->held);
     bvhd_blob_unref(item->source);
     item->source = NULL;
+    local_micromaps_destroy(item->micromaps);
+    item->micromaps = NULL;
     item->exchange = NULL;
     item->state = ITEM_DONE;
     dependency_settle(batch, index);

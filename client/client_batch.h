@@ -25,6 +25,7 @@ struct client_item {
     uint32_t blockers; /* ITEM_BLOCKED: number of references that are not complete */
     struct held held; /* ITEM_COPIED: where the payload is */
     struct bvhd_blob *source; /* before ITEM_DONE, of an update: its source, a reference; NULL: not known here */
+    struct local_micromaps *micromaps; /* before ITEM_DONE: those that were built here; NULL: none */
     struct exchange *exchange; /* ITEM_SENT: the exchange that will bring the answer */
     uint32_t entry; /* ITEM_SENT: the item's position in that exchange */
     uint32_t thousandths; /* ITEM_SENT: how far its build is */

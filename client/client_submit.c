@@ -65,7 +65,7 @@ static void enqueue(struct bvhd_batch *batch)
     if (batch->keys)
         local_builds_answer_held(batch);
     for (uint32_t i = 0; !batch->keys && i < batch->count; i++)
-        local_builds_hold_source(batch, i);
+        local_builds_hold_named(batch, i); /* without memory it is tried again when it is built */
     if (client->local.policy == BVHD_LOCAL_ALWAYS)
         local_builds_take(batch);
     else if (batch->remaining > 0)

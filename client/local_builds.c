@@ -5,6 +5,7 @@
 #include "client/client_deadline.h"
 #include "client/client_wait.h"
 #include "client/local_job.h"
+#include "client/local_micromaps.h"
 #include "client/local_sources.h"
 #include "client/outgoing.h"
 #include "proto/base/container_of.h"
@@ -189,12 +190,15 @@ void local_builds_take_all(struct bvhd_client *client)
 
 /* ---- running one item ---- */
 
-void local_builds_hold_source(struct bvhd_batch *batch, uint32_t index)
+bool local_builds_hold_named(struct bvhd_batch *batch, uint32_t index)
 {
     struct client_item *item = &batch->items[index];
-    const struct key *key = &vulkan_input_entries(batch->input)[index].source_key;
-    if (item->state != ITEM_DONE && !item->source && !key_is_zero(key))
-        item->source = local_sources_find(key);
+    const struct build_input *input = &vulkan_input_entries(batch->input)[index];
+    if (item->state == ITEM_DONE)
+        return true;
+    if (!item->source && !key_is_zero(&input->source_key))
+        item->source = local_sources_find(&input->source_key);
+    return item->micromaps || local_micromaps_find(input, &item->micromaps);
 }
 
 /* Makes a job of an item. Returns NULL, and fails the item, without memory. */
@@ -205,10 +209,13 @@ static struct local_job *start_job(struct bvhd_batch *batch, uint32_t index)
     const unsigned char *bytes =
         item->held.kind == HELD_POOL ? placement_bytes(&batch->client->placement, &item->held) : NULL;
     struct control_item asked = outgoing_describe(input);
-    local_builds_hold_source(batch, index);
-    struct local_job *job = local_job_create(&asked, index, &item->held, bytes, item->source);
+    struct local_job *job = NULL;
+    if (local_builds_hold_named(batch, index))
+        job = local_job_create(&asked, index, &item->held, bytes, item->source);
     if (job) {
         item->source = NULL;
+        job->micromaps = item->micromaps;
+        item->micromaps = NULL;
         join(job, batch, item);
     } else {
         struct bvhd_error error;

@@ -53,10 +53,11 @@ void local_builds_take(struct bvhd_batch *batch);
 void local_builds_take_all(struct bvhd_client *client);
 
 /*
- * Lets an update keep the structure that it updates, if that was built here: the program may drop it before the update
- * begins. An item that is done keeps nothing.
+ * Lets an item keep the structure that it updates and the micromaps that it names, if they were built here: the program
+ * may drop them before the item's build begins. An item that is done keeps nothing. Returns false without memory for
+ * that; then it may be called again.
  */
-void local_builds_hold_source(struct bvhd_batch *batch, uint32_t index);
+bool local_builds_hold_named(struct bvhd_batch *batch, uint32_t index);
 
 /* Answers keys of a new batch by results that are held here. */
 void local_builds_answer_held(struct bvhd_batch *batch);

@@ -7,6 +7,7 @@
 
 #include "client/library.h"
 #include "client/local_library.h"
+#include "client/local_micromaps.h"
 #include "proto/base/container_of.h"
 #include "proto/base/place.h"
 #include "proto/base/timed_parallel.h"
@@ -36,6 +37,7 @@ void local_job_destroy(struct local_job *job)
         return;
     if (job->library)
         job->library->entry_finish(&job->entry, &job->memory);
+    local_micromaps_destroy(job->micromaps);
     bvhd_blob_unref(job->source);
     bvhd_blob_unref(job->blob);
     memory_free(&library_memory, job);
@@ -67,8 +69,12 @@ static enum bvhd_status make_copy(struct local_job *job, struct bytes payload, c
     enum bvhd_status status = rows_read(payload, &shape, job->index, &job->memory, &input, &job->error);
     if (status != BVHD_OK)
         return status;
-    status =
-        job->library->entry_prepare(&input, job->index, source_of(job, &source), &context, &job->entry, &job->error);
+    /* The rows are this job's own. */
+    status = local_micromaps_give(job->micromaps, (struct reference *)(uintptr_t)input.references,
+                                  input.reference_count, job->index, &job->error);
+    if (status == BVHD_OK)
+        status = job->library->entry_prepare(&input, job->index, source_of(job, &source), &context, &job->entry,
+                                             &job->error);
     rows_finish(&input, &job->memory);
     return status;
 }
@@ -97,6 +103,8 @@ void local_job_prepare(struct local_job *job, const struct parallel *parallel)
         job->status = map_and_copy(job, &timed.parallel);
     else
         job->status = make_copy(job, (struct bytes){job->pool_bytes, job->payload.size}, &timed.parallel);
+    local_micromaps_destroy(job->micromaps);
+    job->micromaps = NULL;
     job->prepare_ms = clock_ms() - begin;
 }
 

@@ -29,6 +29,7 @@ struct local_job {
     struct memory memory; /* of the preparation */
     const struct build_library *library;
     struct bvhd_blob *source; /* of an update: a reference; NULL: this process does not have it */
+    struct local_micromaps *micromaps; /* which it names, until it is prepared; NULL: none */
     struct build_entry entry;
     enum bvhd_status status;
     struct bvhd_error error;

@@ -18,6 +18,8 @@
  *
  * The bottom level is then requested by bvhd_batch_submit, with `reference` among the references of its bvhd_build.
  *
+ * This version refuses all micromaps with BVHD_UNSUPPORTED, as the results of their requests: they are not traced yet.
+ *
  * There are three ways to describe a micromap:
  *
  *   states   VkMicromapBuildInfoEXT, for bvhd_micromap_submit;
@@ -111,6 +113,38 @@ struct bvhd_micromap_build {
  */
 BVHD_API enum bvhd_status bvhd_micromap_submit(struct bvhd_client *client, const struct bvhd_micromap_build *build,
                                                struct bvhd_batch **ret_batch, struct bvhd_error *ret_error);
+
+/* ---- What a micromap has ---- */
+
+enum { BVHD_MICROMAP_MAX_USAGES = 26 /* 13 levels in 2 formats */, BVHD_MICROMAP_STATES = 4 };
+
+/* The contents of a micromap. */
+struct bvhd_micromap {
+    size_t struct_size; /* sizeof(struct bvhd_micromap), which the caller sets; all else is set by the call */
+    uint32_t triangle_count; /* triangles with states of their own; indices are below */
+    /* Of a baked one: an index, or a special one, for each triangle of the request. 0 and NULL for others. */
+    uint32_t index_count;
+    const uint32_t *indices; /* leads into the micromap's bytes: for indexBuffer, with the index type UINT32 */
+    uint64_t states_size; /* bytes */
+    /*
+     * Of a baked one: the micro-triangles of all triangles of the request that are transparent, opaque, unknown but
+     * transparent, and unknown but opaque. Only the last two need a test. 0 for others.
+     */
+    uint64_t baked[BVHD_MICROMAP_STATES];
+    uint32_t usage_count, named_usage_count;
+    VkMicromapUsageEXT usages[BVHD_MICROMAP_MAX_USAGES]; /* of the triangles: as in pUsageCounts of a build */
+    /* of those that the indices name: pUsageCounts of the struct that attaches the micromap with all of its indices */
+    VkMicromapUsageEXT named_usages[BVHD_MICROMAP_MAX_USAGES];
+};
+
+/*
+ * Reads the bytes of a micromap, a result's data and size, which may come from an untrusted source. They are aligned to
+ * 16 bytes and must outlive the use of `indices`. Takes time in proportion to the number of triangles. Returns
+ * BVHD_CORRUPT or BVHD_INCOMPATIBLE for bytes that are no micromap of this version, and BVHD_INVALID for a wrong
+ * argument.
+ */
+BVHD_API enum bvhd_status bvhd_micromap_read(const void *data, uint64_t size, struct bvhd_micromap *ret_micromap,
+                                             struct bvhd_error *ret_error);
 
 #ifdef __cplusplus
 }
