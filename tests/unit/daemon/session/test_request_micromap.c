@@ -177,6 +177,26 @@ static void other_structures_are_no_micromaps(void **state)
     world_mesh_finish(&mesh);
 }
 
+/* Both the source and the micromap are found by their keys. */
+static void triangles_with_micromaps_are_updated(void **state)
+{
+    (void)state;
+    struct world_client *client = world_join(&world);
+    struct update_made built, updated;
+    update_build(client, &micromap_input);
+    test.input.flags = BUILD_ALLOW_UPDATE;
+    const struct key key = update_build(client, &test.input);
+    update_make(&test.input, NULL, &built);
+    const struct build_input update = update_of(&test.input);
+    for (int i = 0; i < INPUTS_VERTICES; i++)
+        test.vertices[i][i % 3] += 0.125f;
+    update_make(&update, &built, &updated);
+    update_check_same(update_await(client, update_ask(client, &update, &key)), &updated);
+    update_made_finish(&updated);
+    update_made_finish(&built);
+    assert_int_equal(world_counters(&world).refits_done, 1);
+}
+
 static void micromaps_are_not_updated(void **state)
 {
     (void)state;
@@ -250,6 +270,7 @@ int main(void)
         cmocka_unit_test_setup_teardown(missing_micromaps_are_not_found, set_up, tear_down),
         cmocka_unit_test_setup_teardown(missing_micromaps_are_not_found, set_up_on_disk, tear_down),
         cmocka_unit_test_setup_teardown(other_structures_are_no_micromaps, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(triangles_with_micromaps_are_updated, set_up, tear_down),
         cmocka_unit_test_setup_teardown(micromaps_are_not_updated, set_up, tear_down),
         cmocka_unit_test_setup_teardown(bakes_are_refused, set_up, tear_down),
         cmocka_unit_test_setup_teardown(items_with_micromaps_are_cancelled, set_up, tear_down),
