@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * test_misuse.c - a table of wrong calls of bvhd.h, bvhd_scene.h, bvhd_cpu.h and bvhd_structure.h: the status of each,
- * the place and the text of its error. No wrong call crashes, or answers OK with something that cannot be used.
+ * test_misuse.c - a table of wrong calls of bvhd.h, bvhd_micromap.h, bvhd_scene.h, bvhd_cpu.h and bvhd_structure.h: the
+ * status of each, the place and the text of its error. No wrong call crashes, or answers OK with something that cannot
+ * be used.
  */
 #include "tests/support/unit.h"
 
@@ -9,6 +10,7 @@
 #include <stdbool.h>
 
 #include <bvhd/bvhd_cpu.h>
+#include <bvhd/bvhd_micromap.h>
 #include <bvhd/bvhd_scene.h>
 #include <bvhd/bvhd_structure.h>
 
@@ -484,6 +486,24 @@ static void structures(void)
     QUIET((bvhd_structure_destroy(NULL), bvhd_indirect_free(NULL), bvhd_structure_handle(NULL) == VK_NULL_HANDLE));
 }
 
+/* The other wrong calls of these functions are in test_micromap_submit.c and test_micromap_read.c. */
+static void micromaps(void)
+{
+    const struct bvhd_micromap_build build = {.struct_size = sizeof build};
+    struct bvhd_micromap micromap = {.struct_size = sizeof micromap};
+    _Alignas(16) static const unsigned char bytes[256];
+    struct bvhd_batch *batch = NULL;
+    CALL(bvhd_micromap_submit(NULL, &build, &batch, &world.error), BVHD_INVALID, "client", "client is NULL");
+    CALL(bvhd_micromap_submit(world.client, NULL, &batch, &world.error), BVHD_INVALID, "build", "build is NULL");
+    CALL(bvhd_micromap_submit(world.client, &build, NULL, &world.error), BVHD_INVALID, "ret_batch",
+         "ret_batch is NULL");
+    CALL(bvhd_micromap_read(NULL, 0, &micromap, &world.error), BVHD_INVALID, "data", "data is NULL");
+    CALL(bvhd_micromap_read(bytes, sizeof bytes, NULL, &world.error), BVHD_INVALID, "ret_micromap",
+         "ret_micromap is NULL");
+    CALL(bvhd_micromap_read(bytes + 1, sizeof bytes - 1, &micromap, &world.error), BVHD_INVALID, "data", "16 bytes");
+    CALL(bvhd_micromap_read(bytes, sizeof bytes, &micromap, NULL), BVHD_INCOMPATIBLE, NULL, "");
+}
+
 static void test_misuses(void **state)
 {
     (void)state;
@@ -502,6 +522,7 @@ static void test_misuses(void **state)
     scenes();
     traversal();
     structures();
+    micromaps();
     bvhd_client_destroy(world.client);
     assert_int_equal(library_memory.live, live);
     assert_int_equal(failures, 0);
