@@ -105,7 +105,7 @@ static struct leaves_options runs_for(const struct construction *construction)
                                    construction->quality == QUALITY_FAST ? fast_cut : balanced_cut};
 }
 
-/* What crosses is divided by the boxes of both ends down to this many refs, whose boxes of all times are then small. */
+/* Primitives whose paths cross are divided until a part has at most this many refs, which move nearly alike. */
 enum { CROSSING_PIECE = 64 };
 
 static uint32_t piece_size(const struct construction *construction)

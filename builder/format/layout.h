@@ -94,7 +94,10 @@ struct layout {
     enum bvhd_status (*write)(const struct layout_input *input, unsigned char **ret_blob,
                               struct layout_sizes *ret_sizes, struct bvhd_error *error);
 
-    /* Writes a micromap, likewise: BVHD_NO_MEMORY. NULL: the layout has no micromaps. */
+    /*
+     * Writes the whole blob of a micromap. *ret_blob comes from where that of `write` does. Fails with BVHD_NO_MEMORY.
+     * NULL: the layout has no micromaps.
+     */
     enum bvhd_status (*write_micromap)(const struct layout_micromap *input, unsigned char **ret_blob,
                                        struct layout_sizes *ret_sizes, struct bvhd_error *error);
 };

@@ -12,7 +12,7 @@
 /* Returns the number of handles: a top level has one for each row of its table of references. */
 uint32_t portable_head_handles(const struct portable_header *header, const struct canonical *canonical);
 
-/* Returns where the body begins in a blob with that header and so many handles. */
+/* Returns the offset of the body in a blob that has this header and this number of handles. */
 uint64_t portable_head_body(const struct portable_header *header, uint32_t handles);
 
 /*

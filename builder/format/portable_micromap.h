@@ -29,7 +29,10 @@ struct portable_micromap_header {
     uint64_t states_size; /* bytes */
     uint64_t index_offset;
     uint64_t body_size;
-    /* Of a baked micromap: micro-triangles of all triangles of the request by enum micro_state; else 0. */
+    /*
+     * For each enum micro_state, how many micro-triangles of the request's triangles have it. Only baked micromaps have
+     * these numbers; others have zeros.
+     */
     uint64_t baked[MICRO_STATES];
     uint64_t reserved_end[3]; /* 0 */
 };

@@ -22,7 +22,7 @@ uint32_t portable_micromaps_of(const struct canonical_geometry *geometry);
 void portable_micromaps_write(const struct canonical *canonical, const struct portable_header *header,
                               unsigned char *body);
 
-/* Returns the bytes of the section with so many micromaps and primitives. */
+/* Returns the most bytes that the section takes for this number of micromaps and of primitives. */
 uint64_t portable_micromaps_bound(uint64_t micromaps, uint64_t primitives);
 
 #endif

@@ -4,10 +4,10 @@
  * writes them, prepare_open.c, which reads them back, and the modules that fill sections of them or go through them
  * include this header; all other code uses canonical.h.
  *
- * A block holds the header, the geometry rows, the arrays of primitives (indices, boxes, instance records, triangles of
- * a micromap) in the order of geometries, the micromaps of triangles and the positions (or a micromap's states)
- * likewise, and the reference rows. Every section starts at a multiple
- * of 16, and the bytes between sections are 0. Nothing is left to the writer's choice: equal requests give equal bytes,
+ * A block holds, in this order: the header; the geometry rows; the arrays of primitives (indices, boxes, instance
+ * records, triangles of a micromap); the indices of micromaps on triangles; the positions, or a micromap's states; the
+ * reference rows. Arrays of one sort are in the order of the geometries. Every section starts at a multiple of 16, and
+ * the bytes between sections are 0. Nothing is left to the writer's choice: equal requests give equal bytes,
  * and a reader can compute from the counts where everything must be.
  */
 #ifndef BVHD_CANONICAL_FORM_H
@@ -95,7 +95,7 @@ struct form_reference {
 _Static_assert(sizeof(struct form_header) == 64 && sizeof(struct form_geometry) == 64, "format");
 _Static_assert(sizeof(struct form_reference) == 144 && sizeof(struct form_micromap) == 16, "format");
 
-/* Makes the row of the reference table for a micromap with that key and so many triangles. */
+/* Makes the row of the reference table for a micromap, of which the key and the number of triangles are given. */
 struct form_reference form_micromap_reference(const struct key *key, uint32_t triangle_count);
 
 /* Returns the version of a block with these rows and BUILD_ flags. */

@@ -86,7 +86,10 @@ static bool fast_ref(const struct canonical_geometry *geometry, uint32_t index, 
     return true;
 }
 
-/* What has an area at one end moves neither two corners together nor all onto one line along an axis at both. */
+/*
+ * Makes the ref of a motion triangle. It is degenerate only if it has no area at both ends: a triangle that has an area
+ * at one end can be hit at nearly every time.
+ */
 static bool fast_moving_ref(const struct canonical_geometry *geometry, uint32_t index, struct primitive_ref *ref)
 {
     const struct corners corners = corners_of(geometry, index);
